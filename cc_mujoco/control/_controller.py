@@ -82,14 +82,10 @@ class Controller(ABC):
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m], inside the limits of the drive.
 
-        Args:
-            observation: At least the keys `device.MEASURED_COLUMNS`, each a
-                number or an array over environments; others are not read, except
-                `device.WINDING_COLUMNS` and, where the drive has such sensors,
-                `device.TENSION_COLUMN`.
-
-        Returns:
-            A float for numbers, an array for arrays.
+        The observation has at least the keys `device.MEASURED_COLUMNS`, each a number
+        or an array over environments, and so is the torque. Others are not read, except
+        `device.WINDING_COLUMNS` and, where the drive has such sensors,
+        `device.TENSION_COLUMN`.
         """
 
     def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
@@ -270,8 +266,9 @@ class SteppedLaw:
     """True if cables may only have friction terms that `_tension_slope` supports."""
     is_round: bool = True  # True if it reads torques as of a round pulley
     unguarded: frozenset[str] = frozenset()  # readings at which its guard does not look
-    is_policy: bool = False
-    """True if it reads the columns of an observation, as they are."""
+    is_policy: bool = (
+        False  # True if it reads the columns of an observation as they are
+    )
 
     @property
     def plans(self) -> bool:

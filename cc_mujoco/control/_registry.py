@@ -243,7 +243,7 @@ class PlantsController(Controller):
 def controller(
     name: str | Callable[[Drive], Any], drive: Drive | Plant | Nominal | str | Path
 ) -> Controller:
-    """Make a controller.
+    """Make a controller, reset; of a device with several axes as `axes_controller`.
 
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
@@ -251,9 +251,6 @@ def controller(
             this module), or the file of a policy, `*.safetensors`.
         drive: The device to be driven: name, file, `Device` or `Plant`, with its own
             task and sensors; or a `Drive`, as environments have as `unwrapped.drive`.
-
-    Returns:
-        The controller, reset; of a device with several axes as `axes_controller`.
 
     Raises:
         CableError: If there is no such controller; names the nearest and all others.

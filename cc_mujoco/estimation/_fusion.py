@@ -149,14 +149,11 @@ class TensionFusion(NoisySensors):
         weights: Weights = "variance",
         at_rest: AtRest = "average",
     ) -> None:
-        """Start from the cable's pretension.
+        """Start from the pretension of a cable, whose friction must be Coulomb's alone.
 
-        Args:
-            cable: parameters; friction terms beyond Coulomb's must be off.
-            sensors: the sensors.
-            weights: see `fuse`; the thesis has `"mean"`.
-            at_rest: `"average"` goes on averaging readings of nodes at rest, `"hold"`
-                keeps the estimate of the last moment of motion, as the thesis does.
+        For `weights` see `fuse`; the thesis has `"mean"`. `"average"` goes on averaging
+        readings of nodes at rest, `"hold"` keeps the estimate of the last moment of
+        motion, as the thesis does.
 
         Raises:
             CableError: no cable, no sensors, a sensor off the cable, or an unknown

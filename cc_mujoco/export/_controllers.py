@@ -56,13 +56,12 @@ class AxisPlan:
     tables: LawTables
     fields: tuple[Field, ...]  # parameters in the order in which C has them
     columns: tuple[str, ...]  # columns that the law reads, but for tensions
-    other_columns: tuple[str, ...]
-    """Columns from which the torques that it reads are computed."""
+    other_columns: tuple[str, ...]  # from which the torques that it reads are computed
     cables: tuple[str, ...]  # names of the cables that the controller has a model of
-    taps: planner_steps.Taps | None = None
-    """Tension sensors, of a controller that reads them."""
-    prefix: str = ""
-    """Beginning of the names of readings and gains, of a device with several axes."""
+    taps: planner_steps.Taps | None = None  # tension sensors, if it reads them
+    prefix: str = (
+        ""  # of the names of readings and gains, of a device with several axes
+    )
 
     @classmethod
     def of(
@@ -141,8 +140,7 @@ class ExportPlan:
     """The controller of a device, as it is exported."""
 
     axes: tuple[AxisPlan, ...]
-    names: tuple[str, ...]
-    """Names of the axes in C; an empty one of a device with one axis."""
+    names: tuple[str, ...]  # of the axes in C; an empty one of a device with one axis
     torques: JointTorques
 
     @classmethod

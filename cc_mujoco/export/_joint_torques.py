@@ -30,8 +30,7 @@ class JointTorques:
     """Numbers of `own_readings` for a device."""
 
     readings: int
-    rows: tuple[tuple[int, ...], ...]
-    """Rows of every axis, see `_ROWS`; the joint is 0 without a coupling."""
+    rows: tuple[tuple[int, ...], ...]  # of every axis; joint 0 without a coupling
     shared: tuple[tuple[int, int, int], ...] = ()
     """Joint, axis and place among the readings of every shared ratio."""
     ratios: tuple[float, ...] = ()  # joint torque per motor torque of every axis [-]

@@ -41,12 +41,10 @@ class AxisRow(NamedTuple):
     """Part of a row that belongs to an axis."""
 
     seen: Readings
-    before: float
-    """Torque that the motor had been commanded when the reading came [N m]."""
+    before: float  # torque that the motor was commanded when the reading came [N m]
     desired: float = math.nan
     """Desired torque at the joint [N m]; NaN if the controller was not called."""
-    command: float = math.nan
-    """Torque that is commanded in this cycle [N m]."""
+    command: float = math.nan  # torque that is commanded in this cycle [N m]
     wish: float = math.nan
     """Torque that the controller requested [N m]; NaN if it was not called."""
 

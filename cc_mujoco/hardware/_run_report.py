@@ -45,8 +45,7 @@ class ReportedRun:
     what: str  # name of its controller, or of its trial
     scene: str  # name of a device, or the file of one
     period: float  # period of the loop [s]
-    limits: Mapping[str, Limits]
-    """Limits by the name of the axis in the log, empty of a device with one."""
+    limits: Mapping[str, Limits]  # by the name of the axis in the log, see `RunLog`
     is_trial: bool = False
     """True if it played a trial of a plan, whose torque is that of a servo."""
 

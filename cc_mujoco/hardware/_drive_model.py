@@ -91,21 +91,17 @@ class Windings:
             joints = () if found is None else found.joints
             missing = tuple(joint for joint in joints if joint not in measured)
             self.unmeasured.append(missing)
-            if found is None or missing:
-                self._windings.append(None)
-            else:
-                self._windings.append((found, [measured[joint] for joint in joints]))
+            places = [measured[joint] for joint in joints if not missing]
+            self._windings.append((found, places) if found and not missing else None)
 
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> list[dict[str, float]]:
         """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown."""
-        found: list[dict[str, float]] = []
-        for each in self._windings:
-            if each is None:
-                found.append({})
-                continue
-            winding, joints = each
-            own = [angles[k] for k in joints], [velocities[k] for k in joints]
-            found.append(winding.read(*own))
+        found: list[dict[str, float]] = [{} for _ in self._windings]
+        for own, each in zip(found, self._windings, strict=True):
+            if each is not None:
+                winding, joints = each
+                seen = [angles[k] for k in joints], [velocities[k] for k in joints]
+                own.update(winding.read(*seen))
         return found

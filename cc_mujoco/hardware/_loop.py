@@ -423,8 +423,7 @@ class Loop:
                     "phase_cosine": 1.0,
                     **wound,
                 }
-                for name, value in found.items():
-                    columns[one.prefix + name] = value
+                columns |= {one.prefix + name: value for name, value in found.items()}
             wishes = _floats(self._law.torque(columns), len(self._axes))
         except Exception as error:
             raise Ending(f"the controller failed: {_error_text(error)}") from error

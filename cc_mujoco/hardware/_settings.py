@@ -464,12 +464,9 @@ class RigAxes:
     def __init__(self, settings: Sequence[Settings]) -> None:
         self.device = device = settings[0].device()
         every = device.axis_names
-
-        def place(axis: Settings) -> int:
-            return 0 if axis.axis is None else axis.device().axis_names.index(axis.axis)
-
-        self.settings = tuple(sorted(settings, key=place))
-        places = [place(each) for each in self.settings]
+        own = {every.index(each.axis or every[0]): each for each in settings}
+        places = sorted(own)
+        self.settings = tuple(own[k] for k in places)
         self.names = tuple(every[k] for k in places)
         self.prefixes = column_prefixes(self.names)
         """Beginnings of the columns of each axis, as a controller sees them."""

@@ -266,9 +266,7 @@ class SteppedLaw:
     """True if cables may only have friction terms that `_tension_slope` supports."""
     is_round: bool = True  # True if it reads torques as of a round pulley
     unguarded: frozenset[str] = frozenset()  # readings at which its guard does not look
-    is_policy: bool = (
-        False  # True if it reads the columns of an observation as they are
-    )
+    is_policy: bool = False  # True if it reads columns of an observation as they are
 
     @property
     def plans(self) -> bool:

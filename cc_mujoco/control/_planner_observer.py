@@ -32,10 +32,9 @@ _MODEL_MEMORY = 0.3  # time over which the errors of both models are compared [s
 
 
 @internal
-def replace_by_mean_torque(
-    memory: FloatArray, applied: FloatArray, tune: FloatArray
-) -> None:
+def replace_by_mean_torque(planner: Planner) -> None:
     """Replace the newest command in `applied` by the resulting mean torque."""
+    memory, applied, tune = planner.memory, planner.applied, planner.tune
     command, lag, dt = applied[applied.size - 1], tune[at.LAG], tune[at.PERIOD]
     behind = memory[at.MOTOR_TORQUE] - command
     memory[at.COMMAND] = memory[at.MOTOR_TORQUE] = command
@@ -191,10 +190,8 @@ def _follow(
     `_states`; angle of the motor [rad] and torque, without its bias [N m], are
     measured. The memory gets the error of the torque.
     """
-    cables, memory, tune, new = (
-        planner.cables, planner.memory, planner.tune, planner.new
-    )  # fmt: skip
-    state, dt = _states(planner, hypothesis), tune[at.PERIOD]
+    cables, memory, tune = planner.cables, planner.memory, planner.tune
+    state, new, dt = _states(planner, hypothesis), planner.new, tune[at.PERIOD]
     stepper.move(cables, state, motor, joint, dt, new, planner.work)
     made, size = stepper.torque(cables, new, True, motor)
     taut = size > 0.0
@@ -318,10 +315,8 @@ def _update_observer(
     rotor[at.OBSERVER_ERROR] += tune[at.FORGETTING] * (off * off - error)
 
 
-@compiled
-def learn(
-    cables: stepper.Cables, state: FloatMatrix, memory: FloatArray, tune: FloatArray
-) -> None:
+@internal
+def learn(planner: Planner, state: FloatMatrix) -> None:
     """Adapt friction and bias to the torque on the rotor that the model lacks.
 
     While all segments slip, the load grows with the logarithm of friction by r T mu phi
@@ -329,6 +324,7 @@ def learn(
     by the bias of the torque sensor, over the ratio, whatever the slip. Friction takes
     the step of a normalised gradient, the bias its share by the two variances.
     """
+    cables, memory, tune = planner.cables, planner.memory, planner.tune
     sensitivity = 0.0
     for k in range(cables.n.size):
         n = cables.n[k]

@@ -18,16 +18,11 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as at
+from cc_mujoco.control import _planner_observer as observer
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cholesky import solve_active
 from cc_mujoco.control._compensation import has_drag
 from cc_mujoco.control._planner_memory import Planner
-from cc_mujoco.control._planner_observer import (
-    learn,
-    observe,
-    replace_by_mean_torque,
-    set_bristles,
-)
 from cc_mujoco.native import FloatArray, FloatMatrix, internal
 
 _RATE_TERMS = tuple(
@@ -216,10 +211,8 @@ def _newton_step(
 @internal
 def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
     """Advance the scratch over applied torques; return the model's joint angle."""
-    cables, tune, ahead, state = (
-        planner.cables, planner.tune, planner.ahead, planner.present
-    )  # fmt: skip
-    dt = tune[at.PERIOD]
+    cables, state, new = planner.cables, planner.present, planner.new
+    tune, ahead, dt = planner.tune, planner.ahead, planner.tune[at.PERIOD]
     for k in range(applied.size):
         load = stepper.torque(cables, state, False, ahead[at.ANGLE])[0]
         force = applied[k] - load - tune[at.DAMPING] * ahead[at.VELOCITY]
@@ -229,10 +222,8 @@ def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
         joint += ahead[at.JOINT + 1] + 0.5 * ahead[at.JOINT + 2]
         ahead[at.JOINT + 1] += ahead[at.JOINT + 2]
         ahead[at.DESIRED_TORQUE] += ahead[at.DESIRED_TORQUE + 1]
-        stepper.move(
-            cables, state, ahead[at.ANGLE], joint, dt, planner.new, planner.work
-        )
-        state[:] = planner.new
+        stepper.move(cables, state, ahead[at.ANGLE], joint, dt, new, planner.work)
+        state[:] = new
     return joint
 
 
@@ -369,12 +360,12 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     read[guard.TORQUE], read[guard.DESIRED] = seen[2], seen[3]
     watched[guard.COMMAND] = applied[applied.size - 1]
     guard.admit(guarded, read)
-    replace_by_mean_torque(own, applied, tune)
+    observer.replace_by_mean_torque(planner)
     if own[at.STARTED] == 0.0:
         planner.plan[:] = 0.0
-    turned = observe(planner, read)
+    turned = observer.observe(planner, read)
     state = planner.other if own[at.BRISTLED] != 0.0 else planner.state
-    learn(cables, state, own, tune)
+    observer.learn(planner, state)
     ahead[:] = own
     delay = int(own[at.BELIEVED_DELAY])
     planner.present[:] = state
@@ -435,5 +426,5 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     applied[: applied.size - 1] = applied[1:]
     applied[applied.size - 1] = torque
     if own[at.BRISTLED] != 0.0:
-        set_bristles(cables, 0.0)
+        observer.set_bristles(cables, 0.0)
     return float(torque)

@@ -59,9 +59,7 @@ class AxisPlan:
     other_columns: tuple[str, ...]  # from which the torques that it reads are computed
     cables: tuple[str, ...]  # names of the cables that the controller has a model of
     taps: planner_steps.Taps | None = None  # tension sensors, if it reads them
-    prefix: str = (
-        ""  # of the names of readings and gains, of a device with several axes
-    )
+    prefix: str = ""  # of the names of readings and gains, with several axes
 
     @classmethod
     def of(

@@ -17,18 +17,8 @@ from cc_mujoco.datasets._run_log import beside
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._loop import RunOutcome
 from cc_mujoco.hardware._replay import read_rows
+from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure, save, style
-from cc_mujoco.report._html import (
-    Html,
-    element,
-    embed_picture,
-    folded,
-    join_pieces,
-    list_words,
-    page,
-    paragraph,
-    table,
-)
 
 Array = NDArray[np.float64]
 
@@ -68,11 +58,11 @@ def write_run_report(run: ReportedRun) -> Path:
     pictures = {n: _picture(n, time, axes[n], run.limits[n]) for n in order}
     title = _sentence(run, float(time[-1]), errors[first], first)
     kind = "fix-data" if run.outcome.code else "named" if _touched(run) else "none"
-    head = paragraph("Run of a rig", kind="small"), element("h1", title)
-    header = element("header", *head, pictures[first], _next(run, first))
-    folds = [folded(f"Axis {name}", pictures[name]) for name in others]
+    head = html.paragraph("Run of a rig", kind="small"), html.element("h1", title)
+    header = html.element("header", *head, pictures[first], _next(run, first))
+    folds = [html.folded(f"Axis {name}", pictures[name]) for name in others]
     used = [_used(name, axes[name], run.limits[name]) for name in order]
-    text = page(title, kind, header, *folds, *used, _timing(run))
+    text = html.page(title, kind, header, *folds, *used, _timing(run))
     with replacing(run.page) as place:
         place.write_text(text, encoding="utf-8")
     return run.page
@@ -117,12 +107,14 @@ def _sentence(
         share = f", {error / size:.0%} of its RMS" if size > 1e-9 else ""
         where = f"the torque at {axis}" if axis else "the joint's torque"
         parts.append(f"{where} missed the desired one by {error:.3g} N m RMS{share}")
-    touched = _touched(run)
-    limit = f"it reached {list_words(touched)}" if touched else "no limit was reached"
+    touched = html.list_words(_touched(run))
+    limit = f"it reached {touched}" if touched else "no limit was reached"
     return "; ".join([*parts, limit]) + "."
 
 
-def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) -> Html:
+def _picture(
+    name: str, time: Array, rows: Mapping[str, Array], limits: Limits
+) -> html.Html:
     """Return torques and angle of an axis over time, with limits that are near."""
     shown = {
         "joint torque [N m]": ("joint_torque_nm", "desired_torque_nm"),
@@ -149,10 +141,12 @@ def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) 
         path = Path(folder) / "run.png"
         save(path, drawing)
         which = f"axis {name}" if name else "the run"
-        return embed_picture(path, f"Torques and angle of {which}; limits are dotted.")
+        return html.embed_picture(
+            path, f"Torques and angle of {which}; limits are dotted."
+        )
 
 
-def _next(run: ReportedRun, axis: str) -> Html:
+def _next(run: ReportedRun, axis: str) -> html.Html:
     folder = run.log.parent
     if run.outcome.code:
         why = "To see what led to it: "
@@ -164,10 +158,10 @@ def _next(run: ReportedRun, axis: str) -> Html:
         words = ["cc-mujoco", "diagnose", run.scene, str(source)]
         words += ["--axis", axis] if axis else []
         words += ["--out", str(folder.with_name(f"{folder.name}_diagnosis"))]
-    return paragraph(why, element("code", shlex.join(words)), kind="lead")
+    return html.paragraph(why, html.element("code", shlex.join(words)), kind="lead")
 
 
-def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
+def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> html.Html:
     low, high = limits.joint_range
     least, most = np.min(rows["joint_angle_rad"]), np.max(rows["joint_angle_rad"])
 
@@ -187,10 +181,10 @@ def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
     ]
     title = f"Limits of {name}" if name else "Limits"
     head = ("", "largest", "limit", "used")
-    return join_pieces([element("h2", title), table(head, lines)])
+    return html.join_pieces([html.element("h2", title), html.table(head, lines)])
 
 
-def _timing(run: ReportedRun) -> Html:
+def _timing(run: ReportedRun) -> html.Html:
     found = run.outcome
     sentences = [
         f"{found.cycles} cycles of {run.period * 1e3:g} ms, {found.missed} missed, "
@@ -203,4 +197,6 @@ def _timing(run: ReportedRun) -> Html:
         )
     ignored = sorted(found.ignored.items())
     sentences += [f"{count} packets ignored: {why}." for why, count in ignored]
-    return join_pieces([element("h2", "Timing"), *map(paragraph, sentences)])
+    return html.join_pieces(
+        [html.element("h2", "Timing"), *map(html.paragraph, sentences)]
+    )

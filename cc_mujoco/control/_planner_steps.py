@@ -40,8 +40,8 @@ from cc_mujoco.control._law_steps import (
     whole_rows_of,
 )
 from cc_mujoco.control._planner_memory import STIFFNESS, Planner
-from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
+from cc_mujoco.estimation._recursive import ESTIMATE, VARIANCE, update_estimate
 from cc_mujoco.native import (
     FloatArray,
     FloatMatrix,
@@ -63,7 +63,7 @@ states of the cables."""
 READING_INTERVAL, MIN_BELIEVED_FRICTION, FIRST_VARIANCE = 5, 1e-3, 0.2 * 0.2
 """Steps between two tension readings that are used; least friction coefficient that is
 assumed; variance of the coefficient before any reading."""
-COEFFICIENT, ESTIMATE_SIZE = recursive.ESTIMATE, 4
+COEFFICIENT, ESTIMATE_SIZE = ESTIMATE, 4
 """Place and size of the estimate of the friction of a cable, see `update_estimate`."""
 
 
@@ -249,9 +249,7 @@ def _learn_friction(
         _, count = tension_slope.run_equations(equations, believed, readings[k], sign)
         gained, least = information[0, 0], 1.0 / FIRST_VARIANCE
         if count > 0 and gained > 0.0:
-            recursive.update_estimate(
-                known[k], least, taps.fading, 0.0, gained, target[0]
-            )
+            update_estimate(known[k], least, taps.fading, 0.0, gained, target[0])
 
 
 @internal
@@ -270,7 +268,7 @@ def step_sensed(data: LawData) -> float:
         if is_fresh:
             known[k, :] = 0.0
             known[k, COEFFICIENT] = believed
-            known[k, recursive.VARIANCE] = FIRST_VARIANCE
+            known[k, VARIANCE] = FIRST_VARIANCE
         found = known[k, COEFFICIENT]
         found = max(found, MIN_BELIEVED_FRICTION)
         planner.friction[1, k] = found / believed

@@ -271,9 +271,7 @@ class TensionFusion(NoisySensors):
             total = column[..., node] + self.noise[sensor] ** 2
             gain = column * (rests[..., sensor] / total)[..., None]
             self.tension = self.tension + gain * lack[..., None]
-            self._covariance = (
-                self._covariance - gain[..., :, None] * column[..., None, :]
-            )
+            self._covariance -= gain[..., :, None] * column[..., None, :]
 
 
 def _cumulative_sums(values: FloatArray) -> FloatArray:

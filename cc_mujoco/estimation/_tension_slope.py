@@ -244,17 +244,13 @@ class SlopeEstimator(NoisySensors):
     def _take(self, reading: ArrayLike, direction: ArrayLike) -> None:
         """Take the readings of the next instant, see `FrictionEstimator.update`."""
         sensors, parameters = self._design.shape
-        tensions, slip_direction = checked_sample(
-            reading, direction, sensors, self._segments
-        )
+        tensions, sign = checked_sample(reading, direction, sensors, self._segments)
         information, target = np.empty((parameters, parameters)), np.empty(parameters)
         equations = SlopeEquations(
             self._design, self._nodes, self._noise, np.empty_like(self._design),
             np.empty(sensors), np.empty(sensors), information, target,
         )  # fmt: skip
-        power, count = run_equations(
-            equations, self._fit.value, tensions, slip_direction
-        )
+        power, count = run_equations(equations, self._fit.value, tensions, sign)
         if count == 0 or not np.any(information):
             return
         self._fit.update(information, target)

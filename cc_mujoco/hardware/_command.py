@@ -82,11 +82,9 @@ class RunRig:
 
     def _trials(self, folder: Path) -> int:
         """Play trials of a plan; a person makes the rig ready for each."""
-        for name in ("controller", "duration"):
-            if getattr(self, name) is not None:
-                raise CableError(
-                    f"--{name} does not go with --plan, which has its own."
-                )
+        for own in ("controller", "duration"):
+            if getattr(self, own) is not None:
+                raise CableError(f"--{own} does not go with --plan, which has its own.")
 
         from cc_mujoco.control import controller
         from cc_mujoco.hardware._references import add_trial_facts, read_plan

@@ -44,11 +44,9 @@ class Limits:
                 f"{math.radians(high):.3g} rad."
             )
         for name, unit in (("joint_torque", "N m"), ("tension", "N")):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise CableError(
-                    f"Limits.{name} must be above 0 {unit}, not {value!r}."
-                )
+            most = getattr(self, name)
+            if not most > 0.0:
+                raise CableError(f"Limits.{name} must be above 0 {unit}, not {most!r}.")
         require_parameter(self, "soft_start", 0.0, 600.0, "s")
         require_parameter(self, "stop_time", 0.0, 10.0, "s")
 

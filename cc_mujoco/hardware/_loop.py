@@ -160,12 +160,10 @@ class DrivenAxis:
 class _AxisState:
     """An axis while it is driven."""
 
-    def __init__(
-        self, axis: DrivenAxis, unmeasured: Sequence[str], alone: bool
-    ) -> None:
+    def __init__(self, axis: DrivenAxis, missing: Sequence[str], alone: bool) -> None:
         self.axis = axis
         self.limiter = Limiter(axis.limits, axis.drive.period)
-        self.watch = Watch(axis.limits, axis.watchdog, axis.drive, unmeasured)
+        self.watch = Watch(axis.limits, axis.watchdog, axis.drive, missing)
         self.prefix = "" if alone else f"{axis.name}."
         self.fresh: Readings | None = None  # that of this cycle, None if none came
         self.seen: Readings | None = None

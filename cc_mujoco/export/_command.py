@@ -82,8 +82,8 @@ class Export:
         )
         if self.ros2_control:
             export.require_ros2_states(plan)
-        told = f"exporting {self.controller} for {self.scene}"
-        print(told, file=sys.stderr, flush=True)
+        text = f"exporting {self.controller} for {self.scene}"
+        print(text, file=sys.stderr, flush=True)
         notes = ["passivity: NOT CHECKED"]
         if not self.no_check:
             notes = self._require_passive(device, places)

@@ -1,7 +1,7 @@
 """`rig.toml`: the rig, its limits and what it is to do.
 
     axes = RigAxes(read_axes("rig.toml"))
-    law = axes_controller("pi", axes.drives, axes.prefixes)
+    law = axes.controller("pi")
 
 scene = "bench"                 # that the controller knows: a name or an MJCF file
 # axis = "knee"                 # that the rig drives, of a device with several; of

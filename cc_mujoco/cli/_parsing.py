@@ -29,7 +29,10 @@ class CommandOptions(Protocol):
 
 
 def commands() -> dict[str, EntryPoint]:
-    """Return the commands of all installed packages, whatever hides them, by name."""
+    """Return the commands of all installed packages by name.
+
+    An old `.egg-info` beside the sources does not hide those that are installed.
+    """
     return {
         point.name: point
         for package in distributions()

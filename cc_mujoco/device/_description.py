@@ -44,7 +44,7 @@ class Slip:
     rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the torque of a motor that winds against a frictionless one [N m]."""
+        """Return the torque, taken at the joint, that winds against one there [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 

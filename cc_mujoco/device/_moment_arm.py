@@ -194,7 +194,7 @@ class MeasuredWinding:
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of a distal end, by its index; None if a round pulley."""
+    """Return the winding of an output; None where a round pulley would do the same."""
     data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
     mujoco.mj_fwdPosition(model, data)
     start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])

@@ -50,7 +50,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     known = dict(METRICS)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(_episode_files, "write_summary", lambda path, _: path.touch())
-    monkeypatch.setattr(user_code, "_ALLOWED", set())
+    monkeypatch.setattr(user_code, "_allowed_names", set())
     for name in ("evil", "good"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     Path("evil.py").write_text(PLANTED + MADE)
@@ -192,7 +192,7 @@ def test_python_allows_code_by_an_argument() -> None:
     with pytest.raises(CableError, match=r"x.device.toml, trajectory names code"):
         gymnasium.make("cc_mujoco/Device-v1", device=scene)
     copy = pickle.dumps(load_device(scene, allow="evil:make"))
-    user_code._ALLOWED.clear()
+    user_code._allowed_names.clear()
     env = gymnasium.make("cc_mujoco/Device-v1", device=pickle.loads(copy))
     assert Path("ran").exists()
     env.close()

@@ -20,12 +20,6 @@ from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
 
-MATLAB_ENDING = ".mat"
-ENDINGS = (MATLAB_ENDING, ".h5", ".hdf5")
-"""Endings of files that can be read, in any case."""
-
-_NUMERIC_KINDS = "biuf"  # kinds of NumPy
-
 
 class _Array(NamedTuple):
     data: Any  # array or HDF5 dataset
@@ -42,6 +36,10 @@ class _Array(NamedTuple):
         values = self.data[()]
         values = np.squeeze(values.T if self.turned else values)
         return np.array(values if index is None else values[:, index], dtype=float)
+
+
+def _is_matlab(path: Path) -> bool:
+    return path.suffix.lower() == ".mat"
 
 
 def column_names(path: Path) -> list[str]:
@@ -62,7 +60,7 @@ def _columns(
     path: Path, arrays: Mapping[str, _Array]
 ) -> dict[str, tuple[_Array, int | None]]:
     columns: dict[str, tuple[_Array, int | None]] = {}
-    matlab = path.suffix.lower() == MATLAB_ENDING
+    matlab = _is_matlab(path)
     for place, array in arrays.items():
         if len(array.shape) == 1:
             columns[place] = array, None
@@ -86,9 +84,9 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
     with one_sentence(path):
         path.open("rb").close()  # the system's reason, where there is one
         # Version 2 is HDF5.
-        if path.suffix.lower() != MATLAB_ENDING or matfile_version(str(path))[0] == 2:
+        if not _is_matlab(path) or matfile_version(str(path))[0] == 2:
             with _h5py(path).File(path, "r") as file:
-                yield _hdf5_arrays(file, path.suffix.lower() == MATLAB_ENDING)
+                yield _hdf5_arrays(file, _is_matlab(path))
         else:
             yield _matlab_arrays(path)
 
@@ -97,11 +95,7 @@ def _h5py(path: Path) -> Any:
     try:
         import h5py
     except ModuleNotFoundError:
-        other = (
-            "save it with '-v7'"
-            if path.suffix.lower() == MATLAB_ENDING
-            else "write Parquet"
-        )
+        other = "save it with '-v7'" if _is_matlab(path) else "write Parquet"
         raise CableError(
             f"{path} needs h5py to be read: pip install 'cc_mujoco[hdf5]', or {other}."
         ) from None
@@ -121,7 +115,7 @@ def _matlab_arrays(path: Path) -> dict[str, _Array]:
                 look(f"{name}.{key}", inner)
         elif isinstance(value, MatlabOpaque | MatlabFunction):
             objects.append(name)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in _NUMERIC_KINDS:
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
             found[name] = _Array(value)
 
     for name, value in loadmat(str(path), simplify_cells=True).items():
@@ -144,7 +138,7 @@ def _hdf5_arrays(file: Any, matlab: bool) -> dict[str, _Array]:
         word = kind.decode() if isinstance(kind, bytes) else str(kind)
         if (
             hasattr(item, "dtype")
-            and item.dtype.kind in _NUMERIC_KINDS
+            and item.dtype.kind in "biuf"
             and word.startswith(("double", "single", "int", "uint", "logical"))
             and not name.startswith("#")  # where MATLAB keeps what it refers to
         ):

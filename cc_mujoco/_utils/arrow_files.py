@@ -21,17 +21,12 @@ from cc_mujoco._utils.csv_files import HEAD_BYTES, Layout, is_number, layout
 from cc_mujoco._utils.parsing import one_sentence
 from cc_mujoco.errors import CableError
 
-PARQUET_ENDING = ".parquet"
-
-_NULL_VALUES = [
-    "", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None",
-]  # fmt: skip
 _BOOLEAN_VALUES = {"true": "1", "false": "0"}
 
 
 def column_names(path: Path) -> list[str]:
     with one_sentence(path, kind=pa.ArrowException):
-        if path.suffix.lower() == PARQUET_ENDING:
+        if path.suffix.lower() == ".parquet":
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
         return _layout(path).names
 
@@ -41,7 +36,7 @@ def read_columns(
 ) -> dict[str, FloatArray]:
     """Return the columns of a file as numbers, NaN where missing; see `tables`."""
     with one_sentence(path, kind=pa.ArrowException):
-        if path.suffix.lower() == PARQUET_ENDING:
+        if path.suffix.lower() == ".parquet":
             return _join_batches(names, _parquet_batches(path, names))
         form = _layout(path)
         try:
@@ -97,6 +92,7 @@ def _csv_batches(
 ) -> Iterator[pa.RecordBatch]:
     # Names of their own, for the file's may be there twice.
     own = [name if name in names else f"#{k}" for k, name in enumerate(form.names)]
+    blank = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a"]
     kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())
     try:
         reader = pa_csv.open_csv(
@@ -112,7 +108,7 @@ def _csv_batches(
             pa_csv.ConvertOptions(
                 include_columns=names,
                 column_types=kinds,
-                null_values=_NULL_VALUES,
+                null_values=[*blank, "null", "NULL", "None"],
                 strings_can_be_null=True,
                 decimal_point=form.decimal,
             ),

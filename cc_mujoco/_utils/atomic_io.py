@@ -24,8 +24,6 @@ METADATA_KEY = b"cc_mujoco"
 """Key of the metadata that mark a Parquet file as ours."""
 MANIFEST = ".written"
 """File that lists the checksums of the files of a folder, see `write_manifest`."""
-_PARTIAL = ".partial"
-"""Ending of a file or folder that is being written."""
 
 
 def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
@@ -185,10 +183,14 @@ def _sibling_path(target: Path) -> Path:
     begin = f".{target.name}.{_host()}-"
     with suppress(OSError):  # there is no folder yet, or it cannot be read
         for name in os.listdir(target.parent):
-            process = name.removeprefix(begin).removesuffix(_PARTIAL)
-            if name == f"{begin}{process}{_PARTIAL}" and _is_dead(process):
-                _remove(target.with_name(name))
-    return target.with_name(f"{begin}{os.getpid()}{_PARTIAL}")
+            process = name.removeprefix(begin).removesuffix(".partial")
+            if name == f"{begin}{process}.partial" and _is_dead(process):
+                old = target.with_name(name)
+                if old.is_dir() and not old.is_symlink():
+                    shutil.rmtree(old, ignore_errors=True)
+                else:
+                    old.unlink(missing_ok=True)
+    return target.with_name(f"{begin}{os.getpid()}.partial")
 
 
 @cache
@@ -207,13 +209,6 @@ def _is_dead(process: str) -> bool:
     except (OSError, OverflowError):  # it is another user's
         return False
     return False
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -11,9 +11,6 @@ from cc_mujoco.errors import CableError
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
-_USER = "_used_by_thread"
-"""Attribute of an object while a thread is inside one of its methods."""
-
 
 def exclusive(method: Method) -> Method:
     """Refuse calls of a method while another thread is inside one of the same object.
@@ -25,7 +22,7 @@ def exclusive(method: Method) -> Method:
     @functools.wraps(method)
     def call(self: Any, *given: Any, **named: Any) -> Any:
         own = (get_ident(),)
-        user = self.__dict__.setdefault(_USER, own)  # at once, even between threads
+        user = self.__dict__.setdefault("_thread", own)  # at once, even between threads
         if user is not own and user != own:
             raise CableError(
                 f"a {type(self).__name__} is called by one thread while another is "
@@ -35,6 +32,6 @@ def exclusive(method: Method) -> Method:
             return method(self, *given, **named)
         finally:
             if user is own:
-                del self.__dict__[_USER]
+                del self.__dict__["_thread"]
 
     return cast("Method", call)

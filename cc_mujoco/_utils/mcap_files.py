@@ -21,11 +21,6 @@ from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.parsing import one_sentence, parse_json
 from cc_mujoco.errors import CableError
 
-ENDINGS = (".mcap",)
-"""Endings of files that can be read, in any case."""
-TIME = "__time"
-"""Column of the times of the messages [s]."""
-
 
 def column_names(path: Path) -> list[str]:
     return list(_table(path))
@@ -66,7 +61,7 @@ def _read_table(path: Path, _modified: int, _size: int) -> dict[str, FloatArray]
             f"{path} holds no message of ROS 2 (cdr) or in JSON that has numbers: "
             f"{reason}."
         )
-    table = {TIME: np.array(times)}
+    table = {"__time": np.array(times)}
     for name, found in cells.items():
         table[name] = np.full(len(times), np.nan)
         table[name][[*found]] = [*found.values()]

@@ -19,19 +19,6 @@ import numpy as np
 from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco.errors import CableError
 
-ENDINGS = (".mot", ".sto")
-"""Endings of files that can be read, in any case."""
-
-_END = "endheader"
-_UNITS = {
-    re.compile(r"(/.*)"): r"\1",
-    re.compile(r"time", re.IGNORECASE): "time_s",
-    re.compile(r"(.*_moment)", re.IGNORECASE): r"\1_nm",
-    re.compile(r"(.*_force)", re.IGNORECASE): r"\1_n",
-    re.compile(r"(.*_t[xyz])", re.IGNORECASE): r"\1",
-}
-"""Columns of OpenSim files that are no angles, and their names with the unit."""
-
 
 def _header(path: Path) -> tuple[list[str], int]:
     degrees, ended, suffix = {"yes": "_deg", "no": "_rad"}, False, ""
@@ -39,24 +26,28 @@ def _header(path: Path) -> tuple[list[str], int]:
         for count, line in enumerate(file, start=1):
             text = line.strip()
             if ended and text:
-                names = []
-                for column in line.split():
-                    name = re.sub(r"/.*/([^/]+)/value", r"\1", column)
-                    named = (
-                        pattern.sub(unit, name)
-                        for pattern, unit in _UNITS.items()
-                        if pattern.fullmatch(name)
-                    )
-                    names.append(next(named, name + suffix))
-                return names, count
-            if text.lower() == _END:
+                return [_with_unit(column, suffix) for column in line.split()], count
+            if text.lower() == "endheader":
                 ended = True
             elif found := re.fullmatch(r"indegrees\s*=\s*(yes|no)", text.lower()):
                 suffix = degrees[found[1]]
     raise CableError(
-        f"{path} is no OpenSim file; a line {_END!r} and then one that names "
+        f"{path} is no OpenSim file; a line 'endheader' and then one that names "
         "the columns must stand above the data."
     )
+
+
+def _with_unit(column: str, angle: str) -> str:
+    """Return the name of a column with its unit, which is that of an `angle` else."""
+    name = re.sub(r"/.*/([^/]+)/value", r"\1", column)
+    word = name.lower()
+    if word == "time":
+        return "time_s"
+    if name.startswith("/") or word.endswith(("_tx", "_ty", "_tz")):
+        return name
+    if word.endswith("_moment"):
+        return f"{name}_nm"
+    return name + ("_n" if word.endswith("_force") else angle)
 
 
 def column_names(path: Path) -> list[str]:

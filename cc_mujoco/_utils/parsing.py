@@ -13,16 +13,16 @@ from typing import Any
 from cc_mujoco.errors import CableError
 
 _TOO_DEEP = "tables or lists are nested too deeply"
-_MAX_PARTS = 100
-_PART = r"(?:[\w-]++|\"[^\"\n]*\"|'[^'\n]*')[ \t]*+\.[ \t]*+"
-_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{_MAX_PARTS}}}")
+_LONG_KEY = re.compile(
+    r"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*\"|'[^'\n]*')[ \t]*+\.[ \t]*+){100}"
+)
 """Dotted keys longer than any that is meant; Python reads them in quadratic time."""
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Return the content of a TOML file; nested too deep, it is a `TOMLDecodeError`."""
     if _LONG_KEY.search(text):
-        raise tomllib.TOMLDecodeError(f"a key has more than {_MAX_PARTS} parts")
+        raise tomllib.TOMLDecodeError("a key has more than 100 parts")
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,12 +28,15 @@ from cc_mujoco._utils.parsing import unreadable
 from cc_mujoco._utils.units import Kind, unit_of, words
 from cc_mujoco.errors import CableError
 
-_FORMATS = (opensim_files, array_files, mcap_files)
-"""Readers of other files than CSV, TSV and Parquet."""
-ENDINGS = (
-    *(".csv", ".tsv", ".parquet"),
-    *(ending for reader in _FORMATS for ending in reader.ENDINGS),
-)
+_READERS: dict[str, ModuleType] = {
+    ".mot": opensim_files,
+    ".sto": opensim_files,
+    ".mat": array_files,
+    ".h5": array_files,
+    ".hdf5": array_files,
+    ".mcap": mcap_files,
+}
+ENDINGS = (".csv", ".tsv", ".parquet", *_READERS)
 """Endings of files that can be read, in any case."""
 
 
@@ -41,9 +45,8 @@ def is_table(name: str | Path) -> bool:
 
 
 def _reader(path: Path) -> Any:
-    for reader in _FORMATS:
-        if path.suffix.lower() in reader.ENDINGS:
-            return reader
+    if path.suffix.lower() in _READERS:
+        return _READERS[path.suffix.lower()]
     from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
 
     return arrow_files

@@ -21,36 +21,27 @@ class Kind(NamedTuple):
     factors: dict[str, float]  # size of that unit in every unit that a file may use
 
 
-_TURN = 2.0 * math.pi
-_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
-CLOCK = Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
-ANGLE = Kind(
-    "angle", "rad", {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360, "rev": _TURN}
+CLOCK, ANGLE, TORQUE, FORCE, PHASE = (
+    Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}),
+    Kind(
+        "angle",
+        "rad",
+        {"rad": 1.0, "mrad": 1e-3, "deg": 2.0 * math.pi / 360, "rev": 2.0 * math.pi},
+    ),
+    Kind(
+        "torque",
+        "Nm",
+        {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2}
+        | {"kgfcm": 1e-2 * 9.80665, "lbfin": 0.0254 * 4.4482216152605},
+    ),
+    Kind(
+        "force",
+        "N",
+        {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
+    ),
+    Kind("phase", "1", {"percent": 1e-2, "%": 1e-2}),
 )
-TORQUE = Kind(
-    "torque",
-    "Nm",
-    {
-        "Nm": 1.0,
-        "mNm": 1e-3,
-        "Nmm": 1e-3,
-        "Ncm": 1e-2,
-        "kgfcm": 1e-2 * _KGF,
-        "lbfin": _INCH * _LBF,
-    },
-)
-FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
-PHASE = Kind("phase", "1", {"percent": 1e-2, "%": 1e-2})
 
-_UNIT_WORDS = {
-    "\N{DEGREE SIGN}": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "turns": "rev",
-    "sec": "s",
-    "\N{MICRO SIGN}s": "us",
-}
-"""Other words for a unit."""
 _UNITS = {
     unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
 } | {"m", "mm"}
@@ -60,7 +51,9 @@ def words(column: str) -> list[str]:
     """Return the words of a column's name in lower case, the unit as it is spelled."""
     parts = re.split(r"[\s_.,:;|(){}\[\]-]+", column.lower())
     found = [word for word in parts if word]
-    return [*found[:-1], *(_UNIT_WORDS.get(word, word) for word in found[-1:])]
+    others = {"\N{DEGREE SIGN}": "deg", "degree": "deg", "degrees": "deg"}
+    others |= {"turns": "rev", "sec": "s", "\N{MICRO SIGN}s": "us"}
+    return [*found[:-1], *(others.get(word, word) for word in found[-1:])]
 
 
 def last_word(column: str) -> str:

@@ -30,13 +30,9 @@ from typing import Any
 
 from cc_mujoco.errors import CableError
 
-_FOREIGN_FOLDERS = tuple(
-    sysconfig.get_paths()[key] for key in ("stdlib", "purelib", "platlib")
-)
-"""Folders of code that is not the user's."""
 _CODE = re.compile(r":[^\W\d]\w*(?!\w|\s*=)")
 """End of `MODULE:NAME`; a parameter, as in `sine:frequency=2`, is no such end."""
-_ALLOWED: set[str] = set()
+_allowed_names: set[str] = set()
 """Names that calls of this process have allowed in files."""
 _REFUSED = re.compile(r" \{refused: (.*?)\}", re.DOTALL)
 """Mark of a name that no call has allowed; no such name can be imported."""
@@ -49,12 +45,12 @@ def allow(names: str | Iterable[str]) -> None:
         names: Names, or texts with names in them such as the words of a command.
     """
     for name in [names] if isinstance(names, str) else names:
-        _ALLOWED.update((name, *_parts(name)))
+        _allowed_names.update((name, *_parts(name)))
 
 
 def allowed() -> tuple[str, ...]:
     """Return the names that `allow` was called with, for another process."""
-    return tuple(sorted(_ALLOWED))
+    return tuple(sorted(_allowed_names))
 
 
 def named_in_file(
@@ -76,10 +72,10 @@ def named_in_file(
         part
         for part in _parts(text)
         if _CODE.search(part)
-        and part not in _ALLOWED
+        and part not in _allowed_names
         and part.partition(":")[0] not in free
     ]
-    if not refused or text in _ALLOWED:
+    if not refused or text in _allowed_names:
         return text
     sentence = (
         f"{where}, {key} names code, {refused[0]!r}, which runs only if the call names "
@@ -190,9 +186,6 @@ def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
 
 
 def _own_frames(frames: traceback.StackSummary) -> list[traceback.FrameSummary]:
-    package = str(Path(__file__).resolve().parents[1])
-    return [
-        frame
-        for frame in frames
-        if not frame.filename.startswith((*_FOREIGN_FOLDERS, package, "<"))
-    ]
+    foreign = [str(Path(__file__).resolve().parents[1]), "<"]
+    foreign += [sysconfig.get_paths()[key] for key in ("stdlib", "purelib", "platlib")]
+    return [one for one in frames if not one.filename.startswith(tuple(foreign))]

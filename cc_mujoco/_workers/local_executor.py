@@ -36,10 +36,6 @@ class Job(Protocol):
         """Do a piece."""
 
 
-_SAFE_PATH = "PYTHONSAFEPATH"
-"""Variable by which a new interpreter takes no module from the current folder."""
-
-
 class _StoppedError(Exception): ...  # ends a piece that is no longer wanted
 
 
@@ -85,10 +81,12 @@ def run_here(
         return job.do(pieces[number], tick)
 
     pool: futures.Executor
-    unsafe = _SAFE_PATH not in os.environ
+    # By this variable a new interpreter takes no module from the current folder.
+    safe_path = "PYTHONSAFEPATH"
+    unsafe = safe_path not in os.environ
     others = set(multiprocessing.active_children())
     if processes:
-        os.environ[_SAFE_PATH] = "1"
+        os.environ[safe_path] = "1"
         # A fresh interpreter each: threads of the parent would not survive a fork.
         spawn, allowed = multiprocessing.get_context("spawn"), user_code.allowed()
         pool = futures.ProcessPoolExecutor(count, spawn, user_code.allow, (allowed,))
@@ -125,7 +123,7 @@ def run_here(
         stopped.set()
         pool.shutdown(wait=True, cancel_futures=True)
         if processes and unsafe:
-            del os.environ[_SAFE_PATH]
+            del os.environ[safe_path]
 
 
 def _ignore_tick(share: float) -> None:

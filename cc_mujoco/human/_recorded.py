@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cc_mujoco._utils import opensim_files, tables
+from cc_mujoco._utils import tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._gait_joints import SIDES
@@ -221,7 +221,7 @@ def _names_angle(column: str) -> bool:
 def _no_unit(path: Path, column: str) -> CableError:
     stem = column if _names_angle(column) else f"{column}_angle"
     header = ""
-    if path.suffix.lower() in opensim_files.ENDINGS:
+    if path.suffix.lower() in (".mot", ".sto"):
         header = ", or write inDegrees=yes or inDegrees=no into its header"
     return CableError(
         f"{path}: the angle {column!r} has no unit; name the column {stem}_deg if it "

@@ -53,13 +53,10 @@ from cc_mujoco.native._kinds import (
     tuple_of,
 )  # fmt: skip
 
-_ATOM, _UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
+_ATOM, UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
     10, 0, -1
 )
-UNARY = _UNARY
-"""Rank of a unary operator or a cast, for functions that are written by hand."""
-DIMENSIONS = "n", "columns", "layers"
-"""Fields of an array's structure in C that hold its sizes."""
+"""Ranks of operators; that of a unary one is a cast's, too."""
 _OPERATORS: dict[type[ast.operator], tuple[str, int]] = {
     ast.Add: ("+", _SUM), ast.Sub: ("-", _SUM), ast.Mult: ("*", _PRODUCT),
     ast.Div: ("/", _PRODUCT), ast.BitAnd: ("&", _BITS), ast.BitOr: ("|", _BITS),
@@ -280,7 +277,7 @@ def literal(found: Any) -> Value:
         text = "NAN"
     elif math.isinf(found):
         text = "INFINITY" if found > 0 else "-INFINITY"
-    return Value(text, kind, _UNARY if text[0] == "-" else _ATOM, found)
+    return Value(text, kind, UNARY if text[0] == "-" else _ATOM, found)
 
 
 def c_name(name: str) -> str:
@@ -306,7 +303,8 @@ def _wider(a: Kind, b: Kind) -> Kind | None:
 def _dims_of(value: Value) -> list[str]:
     assert isinstance(value.kind, Array)
     return list(value.dims) or [
-        f"{value.at(_ATOM)}.{name}" for name in DIMENSIONS[: value.kind.dims]
+        f"{value.at(_ATOM)}.{name}"
+        for name in ("n", "columns", "layers")[: value.kind.dims]
     ]
 
 
@@ -411,7 +409,7 @@ class _CWriter(Writer):
             return Value(f"{value.at(_COMPARE + 1)} != 0", BOOL, _COMPARE)
         if kind == REAL and value.number is not None and not value.name:
             return literal(float(value.number))
-        return Value(f"({self.library.type(kind)}){value.at(_UNARY)}", kind, _UNARY)
+        return Value(f"({self.library.type(kind)}){value.at(UNARY)}", kind, UNARY)
 
     def _typed(self, node: ast.expr, kind: Kind) -> Value:
         """Return an expression as a type; a tuple field by field."""
@@ -655,7 +653,7 @@ class _CWriter(Writer):
             owner = self.visit(node.value.value)
             self._as.writes |= self._paths_of(node.value.value) - {""}
             first = owner.table if owner.dims else f"{owner.text}.p"
-            return Value(f"(int64_t)(intptr_t){first}", INT, _UNARY)
+            return Value(f"(int64_t)(intptr_t){first}", INT, UNARY)
         owner = self.visit(node.value)
         if isinstance(owner.kind, Memory):
             return self._field(owner, owner.kind, node)
@@ -731,11 +729,11 @@ class _CWriter(Writer):
     def visit_UnaryOp(self, node: ast.UnaryOp) -> Value:
         value = self._scalar(node.operand, "arithmetic of arrays")
         if isinstance(node.op, ast.Not):
-            return Value(f"!{value.at(_UNARY)}", BOOL, _UNARY)
+            return Value(f"!{value.at(UNARY)}", BOOL, UNARY)
         if not isinstance(node.op, ast.USub):
             raise self.refuse(node, "an operator")
-        kind, text = INT if value.kind == BOOL else _wide(value.kind), value.at(_UNARY)
-        return Value("-" + (f"({text})" if text[0] == "-" else text), kind, _UNARY)
+        kind, text = INT if value.kind == BOOL else _wide(value.kind), value.at(UNARY)
+        return Value("-" + (f"({text})" if text[0] == "-" else text), kind, UNARY)
 
     def visit_BinOp(self, node: ast.BinOp) -> Value:
         left = self._scalar(node.left, "arithmetic of arrays")
@@ -755,7 +753,7 @@ class _CWriter(Writer):
         if op not in _OPERATORS:
             raise self.refuse(node, "an operator")
         sign, rank = _OPERATORS[op]
-        least = rank if rank in (_SUM, _PRODUCT) else _UNARY
+        least = rank if rank in (_SUM, _PRODUCT) else UNARY
         return Value(f"{left.at(least)} {sign} {right.at(least + 1)}", kind, rank)
 
     def _power(self, node: ast.BinOp, left: Value, right: Value) -> Value:
@@ -863,8 +861,8 @@ class _CWriter(Writer):
             at, *sizes = (self.as_kind(value, INT, node) for value in given)
             c = self.library.type(result)
             if not isinstance(result, Array):
-                return Value(f"(({c})(intptr_t){at.at(_UNARY)})", result)
-            start = f"({result.element.c} *)(intptr_t){at.at(_UNARY)}"
+                return Value(f"(({c})(intptr_t){at.at(UNARY)})", result)
+            start = f"({result.element.c} *)(intptr_t){at.at(UNARY)}"
             return self._view(result, [start, *(size.text for size in sizes)])
         first, *sizes = (self.as_kind(value, INT, node) for value in given[1:])
         start = f"{given[0].at(_ATOM)}.p"

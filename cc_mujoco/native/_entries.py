@@ -21,15 +21,6 @@ from cc_mujoco.native._kinds import (
 
 MOST_PARTS = 128
 """Most arrays, numbers and fields of tuples of a call; see `python_calls.h`."""
-_END = """CC_EXPORT PyMethodDef cc_methods[] = {
-%s    {NULL, NULL, 0, NULL}
-};
-
-CC_EXPORT void cc_use_python(void *const *found)
-{
-    memcpy(&api, found, sizeof api);
-}
-"""
 
 
 def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
@@ -42,7 +33,16 @@ def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
         f'    {{"{name}", py_{function.name}, 0x80, NULL}},\n'
         for name, function in called.items()
     )
-    return "\n".join([*(_entry(library, one) for one in called.values()), _END % rows])
+    end = f"""CC_EXPORT PyMethodDef cc_methods[] = {{
+{rows}    {{NULL, NULL, 0, NULL}}
+}};
+
+CC_EXPORT void cc_use_python(void *const *found)
+{{
+    memcpy(&api, found, sizeof api);
+}}
+"""
+    return "\n".join([*(_entry(library, one) for one in called.values()), end])
 
 
 def _entry(library: CLibrary, function: Function) -> str:

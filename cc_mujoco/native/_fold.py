@@ -23,8 +23,6 @@ _FOLDED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.FloorDiv: operator.floordiv,
 }  # fmt: skip
-_PACKED = ("prm", "values")
-"""Names of the arrays that begin with the scalar parameters, see `_layout.py`."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +243,8 @@ class _Folder(ast.NodeTransformer):
         if (
             isinstance(node.ctx, ast.Load)
             and isinstance(node.value, ast.Name)
-            and node.value.id in _PACKED
+            # Arrays that begin with the scalar parameters, see `_layout.py`
+            and node.value.id in ("prm", "values")
             and isinstance(node.slice, ast.Constant)
         ):
             place: Any = node.slice.value

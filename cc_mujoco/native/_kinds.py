@@ -79,12 +79,9 @@ def holds_array(kind: Kind) -> bool:
     return isinstance(kind, Array)
 
 
-REAL, INT, BOOL, NOTHING = (
-    Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void"),
-)  # fmt: skip
-BYTE, INT32, WORD, INT8 = (
-    Scalar("uint8_t"), Scalar("int32_t"), Scalar("uint64_t"), Scalar("int8_t"),
-)  # fmt: skip
+REAL, INT, BOOL, NOTHING, BYTE, INT32, WORD, INT8 = map(
+    Scalar, "double int64_t bool void uint8_t int32_t uint64_t int8_t".split()
+)
 CInt = Annotated[int, INT32]
 """Argument or result of a function for C that is an `int` there."""
 NUMBERS: dict[Any, Scalar] = {

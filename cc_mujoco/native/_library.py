@@ -44,15 +44,6 @@ FLAGS = (
     "-fno-math-errno", "-fvisibility=hidden", "-g0",
 )  # fmt: skip
 """Flags of the compiler. Nothing is contracted: every machine gives the same bits."""
-_ELSEWHERE = "assets", "envs"
-"""Folders of an installed package that lie elsewhere in a checkout."""
-_BUILD = "building-"
-"""First letters of the names of folders in which a library is compiled."""
-_STALE, _UNUSED = 3600.0, 60.0 * 86400.0
-"""Age at which what an interrupted build has left is removed, and time after its last
-use at which a kept file is [s]."""
-_KEPT = re.compile(r"(lib\w+|unit)-[0-9a-f]{20}.*\.\w+|\w+-[0-9a-f]{32}\.json")
-"""Names of kept files, in a folder that may hold others."""
 _lock = threading.RLock()
 _does_without = False
 
@@ -179,7 +170,7 @@ def workplace() -> Iterator[Path]:
     try:
         folder().mkdir(parents=True, exist_ok=True)
         _remove_old_files()
-        with tempfile.TemporaryDirectory(dir=folder(), prefix=_BUILD) as place:
+        with tempfile.TemporaryDirectory(dir=folder(), prefix="building-") as place:
             yield Path(place)
     except OSError as error:
         raise NativeLibraryError(
@@ -190,12 +181,14 @@ def workplace() -> Iterator[Path]:
 
 def _remove_old_files() -> None:
     """Remove unused libraries, and what processes that were killed have left behind."""
+    # Names of kept files, in a folder that may hold others
+    kept = r"(lib\w+|unit)-[0-9a-f]{20}.*\.\w+|\w+-[0-9a-f]{32}\.json"
     for path in folder().iterdir():
         with suppress(OSError):  # another process has removed it, or has it open
             age = time.time() - path.stat().st_mtime
-            if path.name.startswith(_BUILD) and age > _STALE:
+            if path.name.startswith("building-") and age > 3600.0:
                 shutil.rmtree(path, ignore_errors=True)
-            elif age > _UNUSED and _KEPT.fullmatch(path.name):
+            elif age > 60.0 * 86400.0 and re.fullmatch(kept, path.name):
                 path.unlink()
 
 
@@ -283,9 +276,9 @@ def _sources() -> Iterator[tuple[str, bytes]]:
     """Return the files of the package that the library may be made of."""
     for path in sorted(PACKAGE.rglob("*")):
         place = path.relative_to(PACKAGE)
-        if place.parts[0] in _ELSEWHERE or path.suffix not in (".py", ".h", ".c"):
-            continue
-        yield place.as_posix(), path.read_bytes()
+        elsewhere = place.parts[0] in ("assets", "envs")  # of a checkout
+        if not elsewhere and path.suffix in (".py", ".h", ".c"):
+            yield place.as_posix(), path.read_bytes()
 
 
 def _tree_digest(content: bytes) -> str:

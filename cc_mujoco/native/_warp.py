@@ -232,7 +232,7 @@ class _WarpWriter(Writer):
     def visit_Compare(self, node: ast.Compare) -> str:
         sides = [node.left, *node.comparators]
         parts = [
-            f"{self.visit(a)} {_sign(ast.Compare(_A, [op], [_A]))} {self.visit(b)}"
+            f"{self.visit(a)} {_sign(op)} {self.visit(b)}"
             for op, a, b in zip(node.ops, sides, sides[1:], strict=False)
         ]
         return f"({' and '.join(parts)})"
@@ -240,7 +240,7 @@ class _WarpWriter(Writer):
     def visit_BinOp(self, node: ast.BinOp) -> str:
         left, right = self.visit(node.left), node.right
         if not isinstance(node.op, ast.Pow):
-            sign = _sign(ast.BinOp(_A, node.op, _A))
+            sign = _sign(node.op)
             return f"({left} {sign} {self.visit(right)})"
         if isinstance(right, ast.Constant) and right.value == 2:
             return f"square({left})"
@@ -277,9 +277,10 @@ class _WarpWriter(Writer):
         return f"{name}({', '.join(given)})"
 
 
-_A = ast.Name("a")
-
-
-def _sign(node: ast.expr) -> str:
-    """Return the operator of an expression with `a` on both sides."""
+def _sign(op: ast.operator | ast.cmpop) -> str:
+    a, node = ast.Name("a"), ast.expr()
+    if isinstance(op, ast.cmpop):
+        node = ast.Compare(a, [op], [a])
+    else:
+        node = ast.BinOp(a, op, a)
     return ast.unparse(node)[2:-2]

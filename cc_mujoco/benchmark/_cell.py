@@ -180,15 +180,6 @@ def believed_drives(
     return found
 
 
-def changed(plant: Plant, reference: conditions.Reference | None) -> Plant:
-    if reference is None:
-        return plant
-    values = dict(plant.values)
-    for cable in plant.cables:
-        values |= {f"{cable}.{key}": v for key, v in reference.changes.items()}
-    return Plant(plant.device, values)
-
-
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     one = cells[0]
     at, reference = one.condition, conditions.REFERENCES.get(one.controller)
@@ -201,7 +192,13 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
     tasks = at.tasks(description)
-    models = [changed(drawn.plant, reference).model() for drawn in draws]
+    changes = reference.changes if reference else {}
+    models = []
+    for plant in (drawn.plant for drawn in draws):
+        values = dict(plant.values)
+        for cable in plant.cables:
+            values |= {f"{cable}.{key}": value for key, value in changes.items()}
+        models.append(Plant(plant.device, values).model())
     pairs = zip(models, [drawn.trajectory for drawn in draws], strict=True)
     exos = [WornDevice(description, m, t, tasks, at.duration) for m, t in pairs]
     exo, prefixes = exos[0], exos[0].device.prefixes

@@ -12,8 +12,6 @@ import tyro
 from cc_mujoco._utils import command_options as options
 from cc_mujoco.errors import CableError, look_up
 
-Pair = Annotated[tuple[Path, Path] | None, options.option_help("A.parquet B.parquet")]
-
 
 @dataclass(frozen=True)
 class Benchmark:
@@ -60,7 +58,9 @@ class Benchmark:
     """Seconds after which that is given up if the scheduler has no workers."""
     again: options.Flag = False
     """Play also what an earlier run of the same code has finished."""
-    compare: Pair = None
+    compare: Annotated[
+        tuple[Path, Path] | None, options.option_help("A.parquet B.parquet")
+    ] = None
     """Two files of results to rank together, instead of playing."""
     verify: Annotated[Path | None, options.option_help("FILE.parquet")] = None
     """A file of results of which random rows are played again, instead of playing."""

@@ -339,25 +339,18 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     hidden = hidden_effect(known, condition.structure, level, aside)
     (changed, effect, actuation), plant = hidden, known
     if effect or changed is not device:
-        plant = Plant(changed, _with_effect(values, effect))
+        found = values | effect
+        for name in effect:  # which may bend a conduit otherwise
+            bent, _, changed_key = name.rpartition(".")
+            if changed_key in {"conduit", "bend"}:
+                found.pop(f"{bent}.wrap", None)
+        plant = Plant(changed, found)
     if condition.known:
         known = plant
     size = condition.noise * BIAS
     bias = [tuple(size * clipped_normal(random) for _ in range(n)) for n in sensors]
     trajectory = _with_period_factor(condition.trajectory, cadence)
     return Draw(plant, known, own, trajectory, tuple(bias), actuation)
-
-
-def _with_effect(
-    values: dict[str, Value], effect: dict[str, Value]
-) -> dict[str, Value]:
-    """Return values with those of an effect, which may bend a conduit otherwise."""
-    found = values | effect
-    for name in effect:
-        cable, _, key = name.rpartition(".")
-        if key in {"conduit", "bend"}:
-            found.pop(f"{cable}.wrap", None)
-    return found
 
 
 def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:

@@ -91,7 +91,7 @@ class Entry(Controller):
         super().__init__(drives[0][0])
         self.name = name
         self._drives = tuple(drives[0])
-        if name not in _processes or _processes[name].has_ended():
+        if name not in _processes or _processes[name].process.poll() is not None:
             _processes[name] = _Process(name)
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
@@ -121,16 +121,13 @@ class _Process:
             f"import sys; sys.path[:] = {[place for place in sys.path if place]!r}; "
             "from cc_mujoco.benchmark._user_entry import serve; serve()"
         )
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-c", program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # an interruption is the judge's alone
         )
         atexit.register(self.end)
-
-    def has_ended(self) -> bool:
-        return self._process.poll() is not None
 
     def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:
         """Make the controller; return the key by which it is called."""
@@ -143,13 +140,13 @@ class _Process:
 
     def ask(self, what: str, key: int, about: Any) -> bytes:
         """Return the answer to a question; an entry that raises or ends is an error."""
-        assert self._process.stdin is not None and self._process.stdout is not None
+        assert self.process.stdin is not None and self.process.stdout is not None
         try:
-            _send(self._process.stdin, pickle.dumps((what, key, about)))
-            answer = _receive(self._process.stdout)
+            _send(self.process.stdin, pickle.dumps((what, key, about)))
+            answer = _receive(self.process.stdout)
         except (OSError, EOFError):
             self.end()
-            code = self._process.returncode
+            code = self.process.returncode
             raise CableError(
                 f"controller {self._name!r} ended its process, with exit code {code}."
             ) from None
@@ -158,15 +155,15 @@ class _Process:
         return answer[1:]
 
     def end(self) -> None:
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self.process.stdin, self.process.stdout):
             with contextlib.suppress(OSError):
                 if pipe is not None:
                     pipe.close()
         try:
-            self._process.wait(1.0)
+            self.process.wait(1.0)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            self.process.kill()
+            self.process.wait()
 
 
 def serve() -> None:

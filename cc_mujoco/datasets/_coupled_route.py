@@ -178,13 +178,14 @@ class RecordedPath:
                 angles[name] = rest + self.with_lead_in(angle - rest)
             turned = self.with_lead_in(self.joint + self.aside * step)
             poses = _poses(model, scene, turned, angles)
-            found = (
-                compute_recorded_path(model, name, scene.joint, poses)
-                for name in scene.names
-            )
-            self._known[key] = tuple(
-                found if scene.sign > 0.0 else map(_negate_slopes, found)
-            )
+            found = []
+            for name in scene.names:
+                course = compute_recorded_path(model, name, scene.joint, poses)
+                if scene.sign < 0.0:  # slopes by an angle that counts the other way
+                    assert course.gain is not None and course.arm is not None
+                    course = replace(course, gain=-course.gain, arm=-course.arm)
+                found.append(course)
+            self._known[key] = tuple(found)
         return self._known[key]
 
 
@@ -287,12 +288,6 @@ def _between(
     return replace(here, **made)
 
 
-def _negate_slopes(course: CoupledPath) -> CoupledPath:
-    """Return the same path with slopes by an angle that counts the other way."""
-    assert course.gain is not None and course.arm is not None
-    return replace(course, gain=-course.gain, arm=-course.arm)
-
-
 @lru_cache(maxsize=16)
 def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
     """Return the model of a scene with `segments` segments per cable.
@@ -312,13 +307,11 @@ def path_tables(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
     model = _model_of(scene, segments)
     ends = sorted((scene.sign * scene.low, scene.sign * scene.high))
     angles = np.linspace(ends[0], ends[1], 2001)
-    found = (
-        compute_path_table(model, name, scene.joint, angles) for name in scene.names
-    )
-    return tuple(found if scene.sign > 0.0 else map(_reverse_angles, found))
-
-
-def _reverse_angles(course: CoupledPath) -> CoupledPath:
-    """Return the same course over angles that count the other way."""
-    back = {name: getattr(course, name)[::-1].copy() for name in _BY_ROW}
-    return replace(course, joint=-course.joint[::-1], **back)
+    found = []
+    for name in scene.names:
+        course = compute_path_table(model, name, scene.joint, angles)
+        if scene.sign < 0.0:  # over angles that count the other way
+            back = {each: getattr(course, each)[::-1].copy() for each in _BY_ROW}
+            course = replace(course, joint=-course.joint[::-1], **back)
+        found.append(course)
+    return tuple(found)

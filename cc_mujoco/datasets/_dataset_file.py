@@ -265,8 +265,12 @@ def _facts(table: Table) -> dict[str, Any]:
     known: dict[str, Any] = {
         "split": table.choice("split", get_args(Split)),
         "locked": table.choice("locked", get_args(Locked)),
-        "valid": _time_stretches(table),
     }
+    right = "a list of [from, to] in seconds, from before to"
+    if (stretches := table.pairs("valid", right)) is not None:
+        if any(start >= stop for start, stop in stretches):
+            raise table.wrong("valid", right)
+        known["valid"] = tuple(stretches)
     numbers = "pretension", "temperature", "tilt"
     for name in (*numbers, "known_motor_torque", "known_joint_torque"):
         known[name] = table.number(name)
@@ -295,16 +299,6 @@ def _facts(table: Table) -> dict[str, Any]:
             "`load_cell`; leave one of them out."
         )
     return {key: value for key, value in known.items() if value is not None}
-
-
-def _time_stretches(table: Table) -> tuple[tuple[float, float], ...] | None:
-    right = "a list of [from, to] in seconds, from before to"
-    stretches = table.pairs("valid", right)
-    if stretches is None:
-        return None
-    if any(start >= stop for start, stop in stretches):
-        raise table.wrong("valid", right)
-    return tuple(stretches)
 
 
 def _resolve_trial(given: str | None, names: Mapping[Path, str]) -> str | None:

@@ -7,7 +7,7 @@ the names themselves: `motor_angle_deg` is the motor angle in degrees.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -283,7 +283,23 @@ class _Table:
             for channel in self.channels
             if (clock := file.source(channel).clock) is not None
         }
-        raw = self._read([self.time, *self.channels.values(), *clocks.values()])
+        wanted = dict.fromkeys([self.time, *self.channels.values(), *clocks.values()])
+        pairs = columns.stamp_columns(self.names)
+        single = dict.fromkeys(
+            piece for name in wanted for piece in pairs.get(name, (name,))
+        )
+        for column in single:
+            if self.names.count(column) > 1:
+                raise CableError(
+                    f"{path} has {self.names.count(column)} columns {column}; names "
+                    "must differ."
+                )
+        switch = self.channels.get(channels.VALID)
+        raw = tables.read_columns(path, single, [switch] if switch else [])
+        for name in wanted:
+            if name in pairs:
+                whole, nano = pairs[name]
+                raw[name] = (raw[whole] + 1e-9 * raw[nano]) / self.second
         # What is farther than these limits is taken for missing.
         self.stamps = _scale(raw[self.time], self.offset, self.second, 1e11)
         streams = {}
@@ -326,28 +342,6 @@ class _Table:
             for name in self.names
             if name not in left and not (topical and name.endswith("stamp"))
         ]
-
-    def _read(self, wanted: Iterable[str]) -> dict[str, FloatArray]:
-        """Return the columns of the file, with time stamps in seconds."""
-        path = self.part.path
-        wanted = dict.fromkeys(wanted)
-        pairs = columns.stamp_columns(self.names)
-        single = dict.fromkeys(
-            piece for name in wanted for piece in pairs.get(name, (name,))
-        )
-        for column in single:
-            if self.names.count(column) > 1:
-                raise CableError(
-                    f"{path} has {self.names.count(column)} columns {column}; names "
-                    "must differ."
-                )
-        switch = self.channels.get(channels.VALID)
-        raw = tables.read_columns(path, single, [switch] if switch else [])
-        for name in wanted:
-            if name in pairs:
-                whole, nano = pairs[name]
-                raw[name] = (raw[whole] + 1e-9 * raw[nano]) / self.second
-        return raw
 
 
 def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> None:

@@ -66,11 +66,10 @@ def _local_slopes(values: FloatArray, half: int) -> FloatArray:
     return found
 
 
-def velocity_noise(deviation: float, step: float, span: float = 0.05) -> float:
+def velocity_noise(deviation: float, step: float) -> float:
     """Return the standard deviation of `velocity` inside a stretch, for white noise.
 
-    `deviation` is that of the angle readings [rad], `step` between samples and `span`
-    of the window are in seconds.
+    `deviation` is that of the angle readings [rad], `step` between samples in seconds.
     """
-    half = max(2, round(span / step) // 2)
+    half = max(2, round(0.05 / step) // 2)
     return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

@@ -96,10 +96,6 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
     }
 
 
-def _stride_metric(name: str) -> Callable[[LogLike], float]:
-    return lambda log: float(stride_metrics(log).get(name, math.nan))
-
-
 def _built_in() -> Iterator[Metric]:
     """Yield the metrics of `metrics.csv`, which has their words, with their formulas.
 
@@ -180,7 +176,8 @@ def _built_in() -> Iterator[Metric]:
     }
     strides = ("wearer_work", "wearer_work_change", "assistance_work",
                "peak_assistance", "torque_rate", "swing_torque")  # fmt: skip
-    formulas |= {name: _stride_metric(name) for name in strides}
+    for name in strides:
+        formulas[name] = lambda log, name=name: stride_metrics(log).get(name, math.nan)
     needs |= dict.fromkeys(strides, (Key.PACE,))
     for row in read_sheet(Path(__file__).with_name("metrics.csv")).rows:
         name, unit, better, meaning = row.cells

@@ -258,7 +258,14 @@ def digest() -> str:
 def _digest() -> str:
     whole = hashlib.sha256()
     for name, content in _sources():
-        meaning = _tree_digest(content) if name.endswith(".py") else content.hex()
+        meaning = content.hex()
+        if name.endswith(".py"):
+            tree = ast.parse(content)
+            for node in ast.walk(tree):
+                match getattr(node, "body", None):
+                    case [ast.Expr(ast.Constant(str())), *_]:
+                        del node.body[0]  # type: ignore[attr-defined]
+            meaning = hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:32]
         whole.update(f"{name} {meaning}\n".encode())
     return whole.hexdigest()
 
@@ -279,15 +286,6 @@ def _sources() -> Iterator[tuple[str, bytes]]:
         elsewhere = place.parts[0] in ("assets", "envs")  # of a checkout
         if not elsewhere and path.suffix in (".py", ".h", ".c"):
             yield place.as_posix(), path.read_bytes()
-
-
-def _tree_digest(content: bytes) -> str:
-    tree = ast.parse(content)
-    for node in ast.walk(tree):
-        match getattr(node, "body", None):
-            case [ast.Expr(ast.Constant(str())), *_]:
-                del node.body[0]  # type: ignore[attr-defined]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:32]
 
 
 def compiler() -> list[str]:

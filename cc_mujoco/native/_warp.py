@@ -50,13 +50,6 @@ def translate(functions: Iterable[Any], known: Known) -> WarpSource:
     return library.text()
 
 
-def _field_types(record: Any) -> dict[str, str]:
-    return {
-        field: getattr(kind, "__forward_arg__", kind)
-        for field, kind in record.__annotations__.items()
-    }
-
-
 def _is_record(found: Any) -> bool:
     return isinstance(found, type) and hasattr(found, "_fields")
 
@@ -78,8 +71,8 @@ class _Library:
         records = [
             f"@wp.struct\nclass {name}:\n"
             + "".join(
-                f"    {field}: {_ANNOTATIONS[kind]}\n"
-                for field, kind in _field_types(record).items()
+                f"    {field}: {_ANNOTATIONS[getattr(hint, '__forward_arg__', hint)]}\n"
+                for field, hint in record.__annotations__.items()
             )
             for name, record in self._records.items()
         ]

@@ -34,7 +34,7 @@ from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import _log_columns as log_columns
-from cc_mujoco.simulation._log_columns import AXES, LogColumn, columns_for
+from cc_mujoco.simulation._log_columns import AXES, columns_for
 
 PIECE_ROWS = 16_384
 """Samples in a row group of a log's file, and so in a piece of a column."""
@@ -68,8 +68,15 @@ class EpisodeLog:
                 raise CableError.unknown("log column", name, names)
         arrays = {}
         for column in self.schema:
-            array = _require_column(columns, column.name, "log")
-            arrays[column.name] = _frozen_array(column, array)
+            given = _require_column(columns, column.name, "log")
+            array = np.array(given, dtype=column.dtype)
+            if array.ndim != 1 + column.listed:
+                raise CableError(
+                    f"log column {column.name!r} has shape {array.shape}, not "
+                    f"{'(T, n)' if column.listed else '(T,)'}."
+                )
+            array.setflags(write=False)
+            arrays[column.name] = array
         rows = {name: len(array) for name, array in arrays.items()}
         if len(set(rows.values())) > 1:
             raise CableError(f"log columns must have equal lengths, not {rows}.")
@@ -513,17 +520,6 @@ def _require_column(values: Mapping[str, Any], name: str, where: str) -> Any:
         hint = f"; its nearest name is {near[0]!r}" if near else ""
         raise CableError(f"the {where} has no column {name!r}{hint}.")
     return values[name]
-
-
-def _frozen_array(column: LogColumn, values: NDArray[Any]) -> NDArray[Any]:
-    array = np.array(values, dtype=column.dtype)
-    if array.ndim != 1 + column.listed:
-        expected = "(T, n)" if column.listed else "(T,)"
-        raise CableError(
-            f"log column {column.name!r} has shape {array.shape}, not {expected}."
-        )
-    array.setflags(write=False)
-    return array
 
 
 def _to_json(metadata: Mapping[str, Any]) -> str:

@@ -67,24 +67,18 @@ class Episode:
 class Rollout:
     """An episode of n designs at T control steps, the reset included.
 
-    Attributes:
-        columns: those of an episode log, (n, T). Those of c cables are (n, c, T) and
-            `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
-            `least_tension_n` is below 0 where a cable is slack.
-        ratio: joint angle per motor angle of an unstretched cable, (n, axes).
-        driven: names of the cables that each motor winds.
-        prefixes: beginnings of the columns of each axis.
-        axes: axes with the safe torques that guards kept: an assumed one leaves room
-            for the task.
-        failed: why the simulation of a design failed, empty where it did not, (n,).
+    Columns are those of an episode log, (n, T). Those of c cables are (n, c, T) and
+    `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
+    `least_tension_n` is below 0 where a cable is slack.
     """
 
     columns: dict[str, Array]
-    ratio: Array
-    driven: tuple[tuple[str, ...], ...]
-    prefixes: tuple[str, ...]
+    ratio: Array  # joint angle per motor angle of an unstretched cable, (n, axes)
+    driven: tuple[tuple[str, ...], ...]  # names of the cables that each motor winds
+    prefixes: tuple[str, ...]  # beginnings of the columns of each axis
+    # with the safe torques that guards kept: an assumed one leaves room for the task
     axes: tuple[Axis, ...]
-    failed: tuple[str, ...]
+    failed: tuple[str, ...]  # why the simulation of a design failed, else empty, (n,)
 
 
 def attended(plant: Plant) -> mujoco.MjModel:

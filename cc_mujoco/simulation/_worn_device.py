@@ -146,30 +146,18 @@ class WornDevice:
 
     @property
     def drive(self) -> Drive:
-        """Knowledge that a controller may have of the only axis.
-
-        Raises:
-            CableError: There are several axes.
-        """
+        """Knowledge that a controller may have of the only axis, else refused."""
         self.description.axis()
         return self.drives[0]
 
     @property
     def task(self) -> Task:
-        """Task of the only axis.
-
-        Raises:
-            CableError: There are several axes.
-        """
+        """Task of the only axis; several are refused."""
         self.description.axis()
         return self.tasks[0]
 
     def require_timestep(self) -> None:
-        """Refuse a time step that was changed after `sampling` followed from it.
-
-        Raises:
-            CableError: If it was.
-        """
+        """Refuse a time step that was changed after `sampling` followed from it."""
         step = float(self.device.model.opt.timestep)
         if self.frame_skip * step != self.sampling:
             raise CableError(

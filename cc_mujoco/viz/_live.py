@@ -154,20 +154,18 @@ class Show:
         knobs = self._knobs
         try:
             if knobs.controller != self._asked:
-                self._switch_controller(knobs.controller)
+                self._asked = knobs.controller
+                self._note = f"making controller {self._asked}"
+                self._show()
+                self._note = ""
+                self._law.switch_controller(self._asked)
+                self._continue_episode()
             if knobs.friction != self._friction:
                 self._friction, exo = knobs.friction, self._exo
                 options = knobs.options(self._laid)
                 exo.device.apply_plant(Plant(exo.plants.nominal.device, options))
         except CableError as error:
             self._note = str(error)
-
-    def _switch_controller(self, name: str) -> None:
-        self._asked, self._note = name, f"making controller {name}"
-        self._show()
-        self._note = ""
-        self._law.switch_controller(name)
-        self._continue_episode()
 
     def _hold(self) -> None:
         knobs = self._knobs

@@ -117,7 +117,11 @@ def log_episode(
     time = log["time_s"]
     ticks = np.floor(time * _rate(time) + 1e-6)
     frames = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
-    _log_series(rec, log)
+    for line in plotted_series(log):
+        path = rr.new_entity_path(list(line.path))
+        look = rr.SeriesLines(names=[line.name], colors=[line.color], widths=[1.5])
+        rec.log(path, look, static=True)
+        rec.send_series(path, time, [*rr.Scalars.columns(scalars=line.values)])
     _log_scene(rec, log, model, frames, highest)
     _log_nodes(rec, log, frames)
 
@@ -198,15 +202,6 @@ def recording_id(log: EpisodeLog) -> str:
 def _rate(time: Array) -> float:
     # At most 18 000 frames in space: a longer episode shows fewer than 60 per second.
     return frame_rate(time, 60.0, 18_000)
-
-
-def _log_series(rec: Branch, log: EpisodeLog) -> None:
-    for line in plotted_series(log):
-        path = rr.new_entity_path(list(line.path))
-        look = rr.SeriesLines(names=[line.name], colors=[line.color], widths=[1.5])
-        rec.log(path, look, static=True)
-        values = rr.Scalars.columns(scalars=line.values)
-        rec.send_series(path, log["time_s"], [*values])
 
 
 def _log_scene(

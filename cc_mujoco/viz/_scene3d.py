@@ -230,9 +230,15 @@ def log_tendons(
 def visible_tendons(
     model: mujoco.MjModel, skipped: Collection[int]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield every drawn spatial tendon that is not skipped, and its colour (4,)."""
+    """Yield every drawn spatial tendon that is not skipped, and its colour (4,).
+
+    That of one that has none is not MuJoCo's grey: grey means slack where cables are
+    coloured by tension, and it may be the taut rope between a conduit and a lever.
+    """
     for tendon in range(model.ntendon):
-        rgba = tendon_color(model, tendon)
+        rgba, material = model.tendon_rgba[tendon], model.tendon_matid[tendon]
+        plain = is_uncolored(model, tendon)
+        rgba = ROPE_COLOR.copy() if plain else own_color(model, rgba, material)
         if tendon not in skipped and is_spatial(model, tendon) and rgba[3] > 0:
             yield tendon, rgba
 
@@ -240,17 +246,6 @@ def visible_tendons(
 def is_spatial(model: mujoco.MjModel, tendon: int) -> bool:
     kind = model.wrap_type[model.tendon_adr[tendon]]
     return bool(kind != mujoco.mjtWrap.mjWRAP_JOINT)
-
-
-def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
-    """Return the colour of a tendon (4,); of one that has none, not MuJoCo's grey.
-
-    Grey means slack where cables are coloured by tension, and such a tendon may well be
-    the taut rope between a conduit and a lever.
-    """
-    if is_uncolored(model, tendon):
-        return ROPE_COLOR.copy()
-    return own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
 
 
 def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:

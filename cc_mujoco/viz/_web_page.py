@@ -59,10 +59,18 @@ def write_page(
     every = math.ceil(len(log) / 10_000)  # samples of a line: of more, every k-th
     shares = _shares(log, count, every, rate)
     time = log["time_s"]
+    shown = []
+    for panel in panels:
+        lines = []
+        for line in panel.lines:
+            look = {"label": line.label, "color": line.color, "dashed": line.dashed}
+            lines.append({**look, "values": encode_array(line.values[::every])})
+        reach = axis_limits(time, [line.values for line in panel.lines])
+        shown.append({"range": reach, "lines": lines})
     data = {
         "time": encode_array(time[::every]),
         "frames": encode_array(time[samples]),
-        "panels": [_panel(panel, time, every) for panel in panels],
+        "panels": shown,
         "scene": web_scene(log, model, samples),
         "highest": highest,
         "colors": _colors(),
@@ -71,7 +79,6 @@ def write_page(
         Path(__file__).with_name(f"web_page.{kind}").read_text(encoding="utf-8")
         for kind in ("css", "js", "html")
     )
-    shown = json.dumps(data, separators=(",", ":"), allow_nan=False)
     title, figures = escape(episode_title(log)), "".join(map(_figure, panels))
     colors, slack = ",".join(color for _, color in _colors()[2:]), _rgb(SLACK_COLOR)
     gradient = f"linear-gradient(90deg,{colors})"
@@ -79,27 +86,18 @@ def write_page(
     text |= {"highest": f"{highest:.3g}", "shares": escape(shares)}
     body = html.Html(Template(template.replace("\n", "")).substitute(text))
     if metrics:
-        body = html.join_pieces(
-            [body, html.element("h2", "Results"), _results(metrics)]
-        )
-    own: Any = {
-        "style": style,
-        "scripts": (library, script),
-        "data": {"episode": shown},
-    }
+        rows = [
+            (m.name.replace("_", " "), value_text(value), m.unit, m.meaning)
+            for m, value in metrics.items()
+        ]
+        results = html.table(("", "", "unit", "meaning"), rows)
+        body = html.join_pieces([body, html.element("h2", "Results"), results])
+    content = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    own: Any = {"style": style, "scripts": (library, script)}
+    own["data"] = {"episode": content}
     page = html.page(episode_title(log), "episode", body, **own)
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
-
-
-def _panel(panel: Panel, time: NDArray[np.float64], every: int) -> dict[str, Any]:
-    lines = []
-    for line in panel.lines:
-        look = line._asdict()
-        values = encode_array(look.pop("values")[::every])
-        lines.append({**look, "values": values})
-    reach = axis_limits(time, [line.values for line in panel.lines])
-    return {"range": reach, "lines": lines}
 
 
 def _colors() -> list[tuple[float, str]]:
@@ -139,14 +137,6 @@ def _figure(panel: Panel) -> str:
         f'{keys}</div><div class="frame"><div class="plot"></div>'
         '<div class="cursor"></div></div></section>'
     )
-
-
-def _results(metrics: Mapping[Metric, float]) -> html.Html:
-    rows = [
-        (m.name.replace("_", " "), value_text(value), m.unit, m.meaning)
-        for m, value in metrics.items()
-    ]
-    return html.table(("", "", "unit", "meaning"), rows)
 
 
 def _plotly() -> str:

@@ -28,7 +28,6 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Pace
 from cc_mujoco.human._gait import GAIT_MOMENTS
 from cc_mujoco.human._gait_joints import GaitJoint
-from cc_mujoco.metrics import _clamped as clamped
 from cc_mujoco.metrics import _torque as torque
 from cc_mujoco.metrics._metric import (
     Array,
@@ -143,7 +142,7 @@ def _built_in() -> Iterator[Metric]:
         ),
         "twist_backlash": torque.twist_backlash,
         "spring_backlash": torque.spring_backlash,
-        "held_backlash": clamped.held_backlash,
+        "held_backlash": torque.held_backlash,
         "slack_margin": lambda log: float(torque.least_tension(log).min()),
         "slack_share": lambda log: float(np.mean(torque.least_tension(log) <= 0.0)),
         "slack_under_load": torque.slack_under_load,
@@ -153,8 +152,8 @@ def _built_in() -> Iterator[Metric]:
         ),
         "strength_used": torque.strength_used,
         "failed": torque.failed,
-        "bandwidth": clamped.bandwidth,
-        "response": lambda log: float(clamped.torque_response(log)[1][0]),
+        "bandwidth": torque.bandwidth,
+        "response": lambda log: float(torque.torque_response(log)[1][0]),
     }
     tests: dict[str, Test] = {
         "reflected_torque": "backdrive",

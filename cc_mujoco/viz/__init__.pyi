@@ -1,5 +1,5 @@
-from ._conduit3d import conduit_shares as conduit_shares
-from ._conduit3d import tension_colors as tension_colors
+from ._cable_lines import conduit_shares as conduit_shares
+from ._cable_lines import tension_colors as tension_colors
 from ._episode_files import EPISODE_FILES as EPISODE_FILES
 from ._episode_files import PAGE_FILE as PAGE_FILE
 from ._episode_files import require_ours as require_ours

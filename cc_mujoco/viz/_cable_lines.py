@@ -21,14 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
+from cc_mujoco.cable._cable import PATHS
+from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.viz import _conduit3d as conduit3d
 from cc_mujoco.viz import _scene3d as scene3d
 
 Array = NDArray[np.float64]
 
 CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
 """Parts of a cable that are drawn."""
+SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class CableLine:
             path = scene3d.tendon_points(data, self.source)
         else:
             path = self.source.path(model, data)
-        return conduit3d.resample(path, self.fine)
+        return resample(path, self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
@@ -85,15 +87,28 @@ class CableLine:
         if self.part != CONDUIT:
             node = 0.0 if self.part == MOTOR_END else count - 1.0
             return np.full(len(self.fine), node)
-        places = conduit3d.node_shares(self.shares, count)
+        places = self._places(count)
         return np.interp(self.fine, places, np.arange(len(places)))
+
+    def _places(self, count: int) -> Array:
+        """Return where along the line the nodes are, as shares of its length (n,).
+
+        Parts of a line in the open are what its nodes stand for.
+        """
+        shares = self.shares
+        return shares if shares.size == count else 0.5 * (shares[:-1] + shares[1:])
 
     def tensions(self, nodes: Array) -> Array:
         """Return the tensions of its parts (..., P-1) from those at nodes (..., n)."""
-        if self.part == CONDUIT:
-            return conduit3d.part_tensions(self.shares, self.fine, nodes)
-        end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
-        return np.repeat(end, len(self.fine) - 1, axis=-1)
+        if self.part != CONDUIT:
+            end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
+            return np.repeat(end, len(self.fine) - 1, axis=-1)
+        places, middle = self._places(nodes.shape[-1]), self.fine[:-1] + self.fine[1:]
+        middle = 0.5 * middle
+        low = np.clip(np.searchsorted(places, middle) - 1, 0, places.size - 2)
+        share = (middle - places[low]) / (places[low + 1] - places[low])
+        share = np.clip(share, 0.0, 1.0)
+        return np.asarray((1.0 - share) * nodes[..., low] + share * nodes[..., low + 1])
 
 
 def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]:
@@ -111,8 +126,9 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
         tendon, radius = -1, 0.004 * float(model.stat.extent)
         if isinstance(source, int):
             tendon, radius = source, float(model.tendon_width[source])
-        shares = conduit3d.conduit_shares(model, cable)
-        fine = conduit3d.fine_shares(shares)
+        shares = conduit_shares(model, cable)
+        # So few would cut its bends
+        fine = shares if shares.size > 60 else np.linspace(0.0, 1.0, 61)
         found.append(CableLine(cable, CONDUIT, source, radius, shares, fine))
         for part, rope in _ropes(model, cable, tendon):
             if rope not in taken:
@@ -120,6 +136,51 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
                 radius, fine = float(model.tendon_width[rope]), np.linspace(0, 1, 40)
                 found.append(CableLine(cable, part, rope, radius, shares, fine))
     return found
+
+
+def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
+    """Return how the line of a cable is divided, as shares of its route from 0 to 1.
+
+    In a conduit a part of the line goes from one node to the next: (n+1,). Where the
+    cable lies open a part is what a node stands for, a straight piece
+    or some of an arc: (n+2,).
+    """
+    described = plugin.from_mjcf(model)[cable]
+    if described.path == PATHS[0]:
+        return node_places(described) / described.length
+    reader = plugin.Reader(model, cable)
+    nodes = described.segments + 1
+    # Slack of a newton at one node alone goes as the length for which the node stands,
+    # which the state of a cable at rest has.
+    data = mujoco.MjData(model)
+    plugin.settle(model, data)
+    state = np.tile(data.plugin_state, (nodes, 1))
+    state[:, reader.nodes] = -np.eye(nodes)
+    along = np.concatenate([[0.0], np.cumsum(reader.read(state).slack)])
+    return np.asarray(along / along[-1])
+
+
+def resample(polyline: Array, shares: Array) -> Array:
+    """Return points at these shares (n,) of the length of a polyline (P, 3): (n, 3)."""
+    steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = shares * along[-1]
+    axes = [np.interp(wanted, along, polyline[:, axis]) for axis in range(3)]
+    return np.stack(axes, axis=1)
+
+
+def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
+    """Return RGBA colours of tensions of any shape [N], grey where slack.
+
+    `highest` is the tension of the brightest colour [N].
+    """
+    import matplotlib
+
+    colormap = matplotlib.colormaps["viridis"]
+    scaled = np.clip(tension / max(highest, 1e-9), 0.0, 1.0)
+    colors = np.asarray(colormap(scaled, bytes=True), dtype=np.uint8)
+    colors[tension <= 0.0] = SLACK_COLOR
+    return colors
 
 
 def line_notes(model: mujoco.MjModel, cables: Iterable[str]) -> Iterator[str]:
@@ -251,7 +312,7 @@ class Capsules:
             shown = np.zeros(len(points) - 1)
             if tensions is not None:
                 shown = line.tensions(tensions[line.cable])
-            colors = conduit3d.tension_colors(shown, self.highest).astype(np.float32)
+            colors = tension_colors(shown, self.highest).astype(np.float32)
             # Lit, the dimmed colours come near those of the scale.
             colors *= 0.72 / 255.0
             colors[:, 3] = 1.0

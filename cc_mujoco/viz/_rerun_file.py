@@ -32,8 +32,7 @@ from cc_mujoco.metrics._metric import value_text
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
-from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines
-from cc_mujoco.viz._conduit3d import log_conduit, tension_colors
+from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines, tension_colors
 from cc_mujoco.viz._panels import MAX_SAMPLES, frame_rate, frame_slices, highest_tension
 from cc_mujoco.viz._rerun_plots import ORANGE, PURPLE, SKY, blueprint, plotted_series
 from cc_mujoco.viz._scene3d import WORLD, Branch, log_motion, log_static, log_tendons
@@ -226,7 +225,27 @@ def _log_scene(
             nodes = log.rows(f"tension_{line.cable}_nodes_n", frames[some])
             colors = tension_colors(line.tensions(nodes), highest)
             points = line.all_points(model, qpos[some])
-            log_conduit(rec, path, time[some], points, colors)
+            _log_conduit(rec, path, time[some], points, colors)
+
+
+def _log_conduit(
+    rec: Branch, path: str, time: Array, ends: Array, colors: NDArray[np.uint8]
+) -> None:
+    """Log some frames of a line, at `time` (t,) [s].
+
+    Its parts have ends (t, P, 3) [m] and colours (t, P-1, 4).
+    """
+    lengths = [ends.shape[1] - 1] * len(ends)
+    own = rr.LineStrips3D.columns(colors=colors.reshape(-1, 4))
+    columns = [*own.partition(lengths)]
+    pairs = np.stack([ends[:, :-1], ends[:, 1:]], axis=2).astype(np.float32)
+    if np.allclose(ends, ends[0], rtol=0.0, atol=1e-6):  # only its colours change
+        strips = rr.LineStrips3D.columns(strips=pairs[0])
+        rec.send_series(path, time[:1], [*strips.partition(lengths[:1])])
+    else:
+        strips = rr.LineStrips3D.columns(strips=pairs.reshape(-1, 2, 3))
+        columns = [*strips.partition(lengths), *columns]
+    rec.send_series(path, time, columns)
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz import _scene3d as scene3d
-from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines
-from cc_mujoco.viz._conduit3d import resample
+from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines, resample
 
 Array = NDArray[np.float64]
 

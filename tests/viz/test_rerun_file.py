@@ -20,7 +20,7 @@ from cc_mujoco.metrics import METRICS, Metric, measure
 from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
-from cc_mujoco.viz._conduit3d import resample
+from cc_mujoco.viz._cable_lines import resample
 from cc_mujoco.viz._rerun_file import (
     END_STATES,
     recording,

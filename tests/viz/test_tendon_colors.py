@@ -8,8 +8,7 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.assets import SCENES, scene_path
-from cc_mujoco.viz._cable_lines import Capsules
-from cc_mujoco.viz._conduit3d import SLACK_COLOR
+from cc_mujoco.viz._cable_lines import SLACK_COLOR, Capsules
 from cc_mujoco.viz._scene3d import ROPE_COLOR, visible_tendons
 
 SCENE = """<mujoco>

@@ -31,16 +31,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 from driven import Bench, Instruments
 from rig_end import Sender, ServedHost, UdpEnd
 
+from cc_mujoco import hardware
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import (
-    CanAddress,
-    CanLink,
-    Readings,
-    Settings,
-    Status,
-    UdpAddress,
-    read_axes,
-)
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._settings import RigAxes
@@ -58,9 +50,11 @@ STATE = (
 class CanEnd:
     """The other end of the address that a host has; as `UdpEnd`, nothing waits."""
 
-    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
+    def __init__(
+        self, address: hardware.CanAddress, buses: CanBuses | None = None
+    ) -> None:
         self.name = f"can:{address.channel}"
-        self._link = CanLink(address.other_end(), buses)
+        self._link = hardware.CanLink(address.other_end(), buses)
 
     def receive(self) -> tuple[bytes, Sender] | None:
         try:
@@ -95,7 +89,7 @@ class SwungBench:
         self._bench.advance(torques[0], size * turn, size * speed)
         self._time += self.period
 
-    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
+    def readings(self, statuses: Sequence[hardware.Status]) -> list[hardware.Readings]:
         bench, status = self._bench, statuses[0]
         return [self._instruments.readings(bench.state, bench.joint_torque, status)]
 
@@ -150,7 +144,7 @@ class WornRig:
         for _ in range(self._steps):
             self._worn.advance(given)
 
-    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
+    def readings(self, statuses: Sequence[hardware.Status]) -> list[hardware.Readings]:
         found = []
         for name, own, status in zip(
             self._names, self._instruments, statuses, strict=True
@@ -180,21 +174,24 @@ def serve(ends: Sequence[Any], played: Any) -> None:
             host.watch(now)
         played.advance([host.torque for host in hosts])
         count += 1
-        statuses = [Status.ENABLED if host.enabled else Status.NONE for host in hosts]
+        statuses = [
+            hardware.Status.ENABLED if host.enabled else hardware.Status.NONE
+            for host in hosts
+        ]
         stamp = round(count * played.period * 1e9)
         for end, host, seen in zip(ends, hosts, played.readings(statuses), strict=True):
             if host.address is not None:
                 end.send(packet.pack_reading(count, stamp, seen), host.address)
 
 
-def ends_of(axes: Sequence[Settings]) -> list[Any]:
+def ends_of(axes: Sequence[hardware.Settings]) -> list[Any]:
     buses: CanBuses = {}
     found: list[Any] = []
     for each in axes:
         address = each.address()
-        if isinstance(address, CanAddress):
+        if isinstance(address, hardware.CanAddress):
             found.append(CanEnd(address, buses))
-        elif isinstance(address, UdpAddress):
+        elif isinstance(address, hardware.UdpAddress):
             found.append(UdpEnd(address.host, address.port))
         else:
             kind = "a class of its own" if address is None else "a motor drive"
@@ -225,7 +222,7 @@ def main() -> None:
             raise CableError(
                 f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s."
             )
-        axes = RigAxes(read_axes(given.rig)) if given.rig else None
+        axes = RigAxes(hardware.read_axes(given.rig)) if given.rig else None
         print("a rig gets ready, which takes some seconds", flush=True)
         if axes is not None and len(axes.device.axis_names) > 1:
             worn = Worn(axes.device)

@@ -19,20 +19,13 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from cc_mujoco import METRICS  # importing it registers the environments
+from cc_mujoco import (
+    METRICS,  # importing it registers the environments
+    report,
+)
 from cc_mujoco.control import controller
 from cc_mujoco.human import Spring
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.report import (
-    BLUE,
-    DASH_PATTERN,
-    GREY,
-    ORANGE,
-    figure,
-    figure_path,
-    save,
-    style,
-)
 from cc_mujoco.simulation import EpisodeLog, play
 from cc_mujoco.viz import PAGE_FILE, require_ours, require_page, write_episode
 
@@ -110,29 +103,35 @@ def words(found: dict[str, Played]) -> list[str]:
 
 
 def draw(found: dict[str, Played], out: Path) -> None:
-    with style():
-        drawing = figure(11.5, 5.2)
+    with report.style():
+        drawing = report.figure(11.5, 5.2)
         axes = drawing.subplots(2, len(found), sharex=True, sharey="row")
         for (law, one), column in zip(found.items(), axes.T, strict=True):
             above, below = column
-            above.plot(one.time, one.torque, color=BLUE, label="delivered")
+            above.plot(one.time, one.torque, color=report.BLUE, label="delivered")
             above.plot(
-                one.time, one.desired, color=GREY, dashes=DASH_PATTERN, label="desired"
+                one.time,
+                one.desired,
+                color=report.GREY,
+                dashes=report.DASH_PATTERN,
+                label="desired",
             )
             above.set_title(f"{law}: {LAWS[law]}\nerror {one.error:.1%}")
-            below.plot(one.time, one.proximal, color=ORANGE, label="at the motor")
-            below.plot(one.time, one.distal, color=BLUE, label="at the joint")
+            below.plot(
+                one.time, one.proximal, color=report.ORANGE, label="at the motor"
+            )
+            below.plot(one.time, one.distal, color=report.BLUE, label="at the joint")
             below.set_xlabel("time [s]")
         axes[0, 0].set_ylabel("joint torque [N m]")
         axes[1, 0].set_ylabel(f"tension of the {CABLE} [N]")
         for row in axes[:, -1]:
             row.legend(loc="upper left")
-        save(out, drawing)
+        report.save(out, drawing)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=figure_path, default="controllers.png")
+    parser.add_argument("--out", type=report.figure_path, default="controllers.png")
     parser.add_argument("--record", type=Path, help="folder for the last of the three")
     parser.add_argument("--duration", type=float, default=5.0, help="[s]")
     arguments = parser.parse_args()

@@ -29,18 +29,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import Base
 
-from cc_mujoco import simulate
+from cc_mujoco import report, simulate
 from cc_mujoco._utils.atomic_io import replacing, require_own_file
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.report import (
-    BLUE,
-    DASH_PATTERN,
-    GREY,
-    SOFTWARE_TAG,
-    TENSION_COLORS,
-    style,
-)
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
@@ -113,7 +105,7 @@ def frames(takes: dict[str, Take]) -> Iterator[Picture]:
     wanted = time[0] + (np.arange(count) + 1) / RATE
     samples = np.searchsorted(time, wanted).clip(max=len(time) - 1)
     shown = [devices(take, samples, highest) for take in takes.values()]
-    with style():
+    with report.style():
         drawing, moving = drawn(takes, highest)
         canvas = FigureCanvasAgg(drawing)
         for number, sample in enumerate(samples.tolist()):
@@ -143,11 +135,15 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
         axes = drawing.add_axes(
             (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
         )
-        axes.plot(one.time, one.reached, color=BLUE, alpha=FADED)
+        axes.plot(one.time, one.reached, color=report.BLUE, alpha=FADED)
         axes.plot(
-            one.time, one.desired, color=GREY, dashes=DASH_PATTERN, label="desired"
+            one.time,
+            one.desired,
+            color=report.GREY,
+            dashes=report.DASH_PATTERN,
+            label="desired",
         )
-        (line,) = axes.plot([], [], color=BLUE, label="reached")
+        (line,) = axes.plot([], [], color=report.BLUE, label="reached")
         moving.append((line, axes.axvline(0.0, color="black", linewidth=1.0)))
         axes.tick_params(labelleft=first is None, labelsize=8)
         axes.tick_params(axis="y", labelsize=7)
@@ -159,7 +155,7 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
         elif len(moving) == len(takes):
             axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     bar = drawing.add_axes((0.5, SCALE / height, 0.36, 8 / height))
-    colors = ScalarMappable(Normalize(0.0, highest), TENSION_COLORS)
+    colors = ScalarMappable(Normalize(0.0, highest), report.TENSION_COLORS)
     drawing.colorbar(colors, cax=bar, orientation="horizontal")
     bar.tick_params(length=2, pad=1, labelsize=8)
     left, level = LEFTS[0] / width, (SCALE + 4) / height
@@ -177,7 +173,7 @@ def save(path: Path, film: list[Picture]) -> None:
     """Write it as an animated WebP, whole or not at all."""
     first, *others = (Image.fromarray(frame) for frame in film)
     mark = Image.Exif()
-    mark[Base.Software] = SOFTWARE_TAG
+    mark[Base.Software] = report.SOFTWARE_TAG
     with replacing(path) as partial:
         first.save(
             partial,
@@ -195,7 +191,7 @@ def save(path: Path, film: list[Picture]) -> None:
 def is_ours(path: Path) -> bool:
     try:
         with Image.open(path) as image:
-            return image.getexif().get(Base.Software) == SOFTWARE_TAG
+            return image.getexif().get(Base.Software) == report.SOFTWARE_TAG
     except OSError:
         return False
 

@@ -282,44 +282,26 @@ class ThesisCable:
         return sum(self.last_moving) >= self.mesh.segments + 1
 
     def _solution(self, ends: Sequence[Constraint]) -> Solution:
-        """Return all nodes, for the present last-moving ones."""
+        """Return all nodes, for the present last-moving ones (2.1.1.4)."""
         if self._all_nodes_move():
             return self._solved(self.mesh, self.displacement, ends)
         tension, displacement = self._tension.copy(), self.displacement.copy()  # 2.15
-        proximal, distal = self.last_moving
         contradiction = 0.0
-        if proximal:
-            part = self._partial_motion(
-                self.mesh, tension, displacement, ends[0], proximal
-            )
-            tension[:proximal] = part.tension
-            displacement[:proximal] = part.displacement
-            contradiction += part.contradiction
-        if distal:  # the proximal subcable of the mirrored cable
-            kind, _, value = ends[1]
-            end = Constraint(kind, 0, -value if kind == "displacement" else value)
-            part = self._partial_motion(
-                self.mesh.mirrored(), tension[::-1], -displacement[::-1], end, distal
-            )
-            tension[-distal:] = part.tension[::-1]
-            displacement[-distal:] = -part.displacement[::-1]
+        # The distal part is the proximal one of the mirrored cable.
+        for moving, (kind, _, value), way in zip(
+            self.last_moving, ends, (1, -1), strict=True
+        ):
+            if not moving:
+                continue
+            mesh = self.mesh if way > 0 else self.mesh.mirrored()
+            t, u = tension[::way], way * displacement[::way]
+            end = Constraint(kind, 0, way * value if kind == "displacement" else value)
+            standing = Standing(t[moving], u[moving], mesh.length[moving - 1])
+            part = self._solved(mesh.part(0, moving - 1), u[:moving], [end], standing)
+            t[:moving] = part.tension
+            displacement[::way][:moving] = way * part.displacement
             contradiction += part.contradiction
         return Solution(tension, displacement, np.empty(0), 0, contradiction)
-
-    def _partial_motion(
-        self,
-        mesh: Mesh,
-        tension: FloatArray,
-        displacement: FloatArray,
-        end: Constraint,
-        moving: int,
-    ) -> Solution:
-        """Return the moving nodes of the subcable at a proximal end (2.1.1.4)."""
-        standing = Standing(
-            tension[moving], displacement[moving], mesh.length[moving - 1]
-        )
-        part = mesh.part(0, moving - 1)
-        return self._solved(part, displacement[:moving], [end], standing)
 
     def _solved(
         self,

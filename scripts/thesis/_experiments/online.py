@@ -29,12 +29,7 @@ from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
 from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators._parameters import (
-    Bend,
-    BendEstimator,
-    SlopeLaw,
-    StiffnessEstimator,
-)
+from thesis.estimators import _parameters as parameters
 from thesis.estimators._unscented import UnscentedEstimator
 
 DT = 0.01
@@ -219,7 +214,7 @@ def laws(duration: float = DRIFT_START, seed: int = 40) -> PrintedLaws:
     for name, choice in LAWS.items():
         best = np.inf
         for gain in GAINS:
-            law = SlopeLaw(
+            law = parameters.SlopeLaw(
                 CABLE, truth.sensors, gain,
                 start=INITIAL_GUESS_FACTOR * CABLE.friction, **choice,
             )  # fmt: skip
@@ -246,7 +241,7 @@ def bias() -> float:
     """Return the relative bias of the printed law, whose line is not the profile."""
     truth = simulate(CABLE, strokes(2.0), 0, noise=1e-9)
     row = round(0.8 / DT)
-    law = SlopeLaw(CABLE, truth.sensors, 1.0)
+    law = parameters.SlopeLaw(CABLE, truth.sensors, 1.0)
 
     def discrepancy(friction: float) -> float:
         law.friction = friction
@@ -294,7 +289,7 @@ class Bends(NamedTuple):
     """mu/R along a winding cable."""
 
     truth: FloatArray  # (samples, places) [1/m]
-    found: Bend  # the estimate (samples, places) [1/m]
+    found: parameters.Bend  # the estimate (samples, places) [1/m]
     before: float  # RMS error before the drift, over the mean of mu/R
     during: float  # the same during the drift, over the mean at the time
     stated: float  # RMS of the stated deviation during the drift, over the same
@@ -311,7 +306,7 @@ def estimate_bends(duration: float = DRIFT_END, seed: int = 42) -> Bends:
     data = simulate(cable, strokes(duration), seed, factor=factor)
     mean = CABLE.friction * CABLE.wrap / CABLE.length
     rate = (FRICTION_DRIFT - 1.0) * mean * DT / (duration - DRIFT_START)
-    estimator = BendEstimator(
+    estimator = parameters.BendEstimator(
         cable, data.sensors, start=INITIAL_GUESS_FACTOR * mean, memory=BEND_MEMORY,
         drift=rate,
     )  # fmt: skip
@@ -356,7 +351,7 @@ def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening
     data = simulate(cable, motion, seed, drifting="axial_stiffness", factor=factor)
     stiffness = cable.axial_stiffness
     rate = (1.0 - STIFFNESS_DRIFT) * stiffness * DT / (duration - DRIFT_START)
-    estimator = StiffnessEstimator(
+    estimator = parameters.StiffnessEstimator(
         cable, data.sensors, start=INITIAL_GUESS_FACTOR * stiffness,
         memory=SOFT_MEMORY, drift=rate,
     )  # fmt: skip
@@ -370,7 +365,9 @@ def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening
     lie[:, -1] = 0
     start = INITIAL_GUESS_FACTOR * CABLE.axial_stiffness
     fooled, refused = (
-        StiffnessEstimator(CABLE, free.sensors, start=start).over(*rows, each).value[-1]
+        parameters.StiffnessEstimator(CABLE, free.sensors, start=start)
+        .over(*rows, each)
+        .value[-1]
         for each in (lie, direction)
     )
     return Softening(

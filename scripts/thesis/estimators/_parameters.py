@@ -18,14 +18,9 @@ from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
+from cc_mujoco.estimation import _tracks as tracks
 from cc_mujoco.estimation._recursive import RecursiveEstimate
 from cc_mujoco.estimation._tension_slope import SlopeEstimator, require_slope
-from cc_mujoco.estimation._tracks import (
-    EstimateTrack,
-    checked_sample,
-    rows,
-    wrap_angles,
-)
 from cc_mujoco.native import FloatArray
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
@@ -62,7 +57,7 @@ class SlopeLaw:
         self._start = self.friction = cable.friction if start is None else start
         self._nodes, self._gain = sensors.on(cable), gain
         self._signed, self._integrated = signed, integrated
-        angle = wrap_angles(cable)
+        angle = tracks.wrap_angles(cable)
         self._segments = cable.segments
         self._before = angle[self._nodes]
         self._after = float(angle[-1]) - self._before
@@ -79,7 +74,7 @@ class SlopeLaw:
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
         """Update as `FrictionEstimator.update` does."""
-        measured, sign = checked_sample(
+        measured, sign = tracks.checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
         slip_direction = float(sign[0])
@@ -197,7 +192,7 @@ class BendEstimator(SlopeEstimator):
         """
         n, self.length = cable.segments, cable.length
         places = node_places(cable)
-        guess = cable.friction * np.diff(wrap_angles(cable)) / np.diff(places)
+        guess = cable.friction * np.diff(tracks.wrap_angles(cable)) / np.diff(places)
         if start is not None:
             guess = np.broadcast_to(np.asarray(start, dtype=float), (n,))
         width = float(np.max(np.abs(guess))) if spread is None else spread
@@ -240,7 +235,7 @@ class BendEstimator(SlopeEstimator):
         """Return the estimates (samples, k) at k places over a recording."""
         place = np.atleast_1d(np.asarray(position, dtype=float))
         found = []
-        for row in rows(reading=reading, direction=direction):
+        for row in tracks.rows(reading=reading, direction=direction):
             self.update(*row)
             found.append(self.at(place))
         return Bend(*np.reshape(found, (-1, 2, place.size)).swapaxes(0, 1))
@@ -341,7 +336,7 @@ class StiffnessEstimator:
         The displacement is that of the proximal end [m], from anywhere; sensors read
         (m,) [N], and segments slip by -1, 0 or 1 (n,).
         """
-        measured, sign = checked_sample(
+        measured, sign = tracks.checked_sample(
             reading, direction, self._sensors, self._segments
         )
         front = int(np.count_nonzero(sign))
@@ -370,12 +365,12 @@ class StiffnessEstimator:
 
     def over(
         self, u_proximal: ArrayLike, reading: ArrayLike, direction: ArrayLike
-    ) -> EstimateTrack:
+    ) -> tracks.EstimateTrack:
         """Run over a recording: (samples,) [m], (samples, m) [N], (samples, n)."""
         found = [
             (self.update(float(u), measured, sign), self.deviation)
-            for u, measured, sign in rows(
+            for u, measured, sign in tracks.rows(
                 u_proximal=u_proximal, reading=reading, direction=direction
             )
         ]
-        return EstimateTrack(*np.reshape(found, (-1, 2)).T)
+        return tracks.EstimateTrack(*np.reshape(found, (-1, 2)).T)

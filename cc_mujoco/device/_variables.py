@@ -112,13 +112,11 @@ def find(
         raise CableError.unknown(kind, name, among)
     if owner is None:
         return among[own]
-    if own in _OF["axis"]:  # two motors may differ in them
-        if owner not in set(axes):
-            raise CableError.unknown("axis", owner, axes)
-        return among[own]
-    if owner not in {*cables, *axes}:
-        raise CableError.unknown("cable or axis", owner, (*cables, *axes))
-    if own not in OF_CABLES:
+    of_axis = own in _OF["axis"]  # two motors may differ in it
+    owners = (*axes,) if of_axis else (*cables, *axes)
+    if owner not in owners:
+        raise CableError.unknown("axis" if of_axis else "cable or axis", owner, owners)
+    if not of_axis and own not in OF_CABLES:
         raise CableError(
             f"variable {own!r} belongs to no cable; write {own!r}, not {name!r}."
         )

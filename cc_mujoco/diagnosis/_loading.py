@@ -81,6 +81,7 @@ def load(
     axis = bench.axis if bench else ""
     others: Mapping[str, str] = {}
     strange = bench.other_axes if bench else ()
+    alone = bench is not None and len(bench.cables) == 1
     if bench is not None:
         others = bench.recorded_angles(file.source(channels.JOINT_TORQUE).measured)
         other_axes = OtherAxes(bench)
@@ -124,14 +125,13 @@ def load(
                 "it again if it lacks what it was to show."
             )
             findings.append(warning(message, name))
-        findings += readings.check_recording(recording, facts, file)
+        findings += readings.check_recording(recording, facts, file, alone)
         track = decimate(recording, track)
         if bench is not None:
             other_axes.take_off(recording, track)
         trials.append(_trial(recording, track, facts))
     known_bench = bench.known(file.rig) if bench else None
     trials, instruments, found = add_derived_torques(trials, file, known_bench)
-    alone = known_bench is not None and len(known_bench.cables) == 1
     measured = file.source(channels.MOTOR_ANGLE).measured
     if not measured:
         found.append(warning("The motor's angle is not measured."))

@@ -42,12 +42,13 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 
 
 def check_recording(
-    recording: Recording, facts: TrialFacts, file: DatasetFile
+    recording: Recording, facts: TrialFacts, file: DatasetFile, alone: bool = False
 ) -> Findings:
+    """Run all checks of a recording; `alone` if the rig has a single cable."""
     return [
         *_check_locked(recording, facts),
         *_check_constants(recording, facts),
-        *_check_clipping(recording),
+        *_check_clipping(recording, alone),
         *_check_degrees(recording, file),
         *_check_turnovers(recording),
         *_check_leaps(recording),
@@ -277,9 +278,10 @@ def _check_constants(recording: Recording, facts: TrialFacts) -> Iterator[DataFi
         yield error(f"{where}; {advice}.", recording.name, channel)
 
 
-def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
+def _check_clipping(recording: Recording, alone: bool) -> Iterator[DataFinding]:
     for channel, values in recording.values.items():
-        if channels.kind_of(channel) not in _LOAD_KINDS:
+        kind = channels.kind_of(channel)
+        if kind not in _LOAD_KINDS:
             continue
         same = np.diff(values) == 0.0
         highest, lowest = np.nanmax(values), np.nanmin(values)
@@ -292,7 +294,11 @@ def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
         mend = "use a sensor of wider range"
         if channel == channels.MOTOR_TORQUE:
             mend = f"ask less of the motor if this is its limit, else {mend},"
+        # A slack cable, which cannot push, pulls with exactly nothing.
+        slackens = kind == channels.FORCE or (alone and kind == channels.TORQUE)
         for extreme, side in ((highest, "above"), (lowest, "below")):
+            if slackens and extreme == 0.0:
+                continue
             there = values == extreme
             edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
             lengths = edges[1::2] - edges[::2]

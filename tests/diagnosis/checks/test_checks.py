@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._channels import MAIN_CHANNELS
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import load
 from cc_mujoco.diagnosis._checks import readings
 from diagnosis.bench import loaded, one, only_fix, recording, write
+from diagnosis.rigs import BENCH, alone
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -86,6 +88,28 @@ def test_a_torque_that_is_cut_off_on_both_sides(tmp_path: Path) -> None:
     told = [f.statement for f in errors(loaded(tmp_path, columns)[1])]
     assert any("cut off above" in each for each in told)
     assert any("cut off below" in each for each in told)
+
+
+@pytest.mark.parametrize("least", [0.0, 0.05])
+def test_a_slack_cable_is_no_sensor_that_is_cut_off(
+    tmp_path: Path, least: float
+) -> None:
+    """It pulls with nothing; a tension that stays elsewhere is cut off."""
+    columns = recording()
+    columns["tension_distal_n"] = np.maximum(20.0 * columns["joint_torque_nm"], least)
+    _, findings = load(write(tmp_path / "run.csv", columns))
+    told = [f for f in findings if "cut off below" in f.statement]
+    assert [f.channel for f in told] == (["tension_distal_n"] if least else [])
+
+
+def test_a_torque_is_nothing_while_the_only_cable_is_slack(tmp_path: Path) -> None:
+    """A second cable would pull the other way."""
+    columns = recording()
+    columns["joint_torque_nm"] = np.maximum(columns["joint_torque_nm"], 0.0)
+    path = write(tmp_path / "run.csv", columns)
+    for bench, times in ((BENCH, 1), (Bench.of(alone(tmp_path)), 0)):
+        told = [f.statement for f in load(path, None, bench)[1]]
+        assert sum("cut off below" in each for each in told) == times
 
 
 @pytest.mark.parametrize("side", ["motor", "joint"])

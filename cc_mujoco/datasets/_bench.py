@@ -43,7 +43,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import from_mjcf, route_tendon
 from cc_mujoco.plugin._engine import PLUGIN
-from cc_mujoco.plugin._spec import read_spec
+from cc_mujoco.plugin._spec import error_sentence, read_spec
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ class Bench:
         try:
             model = spec.compile()
         except ValueError as error:
-            reason = " ".join(str(error).split())
+            reason = error_sentence(error)
             raise CableError(f"scene {path} does not load: {reason}") from None
         present = from_mjcf(spec)
         described, torque_noise, columns = None, 0.0, {}

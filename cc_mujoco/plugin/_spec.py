@@ -151,7 +151,12 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 def error_sentence(error: ValueError) -> str:
     """Return MuJoCo's message, once, or the plugin's own sentence within it."""
-    message = " ".join(dict.fromkeys(str(error).split("\n")))
+    lines: list[str] = []
+    for line in str(error).split("\n"):
+        # MuJoCo gives the message of a plugin twice, and cuts a long one off.
+        if not any(known.startswith(line) for known in lines):
+            lines.append(line)
+    message = " ".join(lines)
     unknown = rf"unrecognized attribute 'plugin:(.*?)' for plugin {PLUGIN}"
     if misspelt := re.search(unknown, message):
         return str(CableError.unknown("key", misspelt[1], KEYS, "a cable"))

@@ -98,6 +98,14 @@ def test_a_scene_that_is_no_bench_is_refused_in_a_sentence(
         Bench.of(scene(tmp_path, *changes))
 
 
+def test_what_is_wrong_with_a_conduit_is_said_once(tmp_path: Path) -> None:
+    wrong = scene(tmp_path, ('value="2:0.6366197723675814"', 'value="2:x"'))
+    with pytest.raises(CableError) as told:
+        Bench.of(wrong)
+    assert str(told.value).count("sections") == 1
+    assert "does not load: cable 'agonist': key `conduit` is '2:x'" in str(told.value)
+
+
 def test_a_lever_whose_angle_is_not_0_at_pretension_is_refused(tmp_path: Path) -> None:
     text = scene_path("ankle").read_text(encoding="utf-8")
     assert text.count('name="ankle" type="hinge"') == 1

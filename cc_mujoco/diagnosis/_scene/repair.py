@@ -39,7 +39,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import settle, step_limits, to_mjcf
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._spec import read_spec
+from cc_mujoco.plugin._spec import error_sentence, read_spec
 from cc_mujoco.report._html import list_words
 
 
@@ -548,7 +548,7 @@ def _instrumented_model(
     except CableError:
         raise
     except ValueError as error:
-        reason = str(error).strip().splitlines()[0]
+        reason = error_sentence(error)
         raise CableError(f"scene {scene} does not load: {reason}") from None
 
 

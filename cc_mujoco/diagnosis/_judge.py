@@ -241,8 +241,7 @@ class EffectChange(NamedTuple):
 
     effect: Effect  # effect of the library
     sizes: Mapping[str, float]  # plausible sizes on the rig, by name of the parameter
-    # (residuals, sizes) change over the noise floor without retuning; its length is the
-    # RMS
+    # (residuals, sizes) change over the floor without retuning; its length is the RMS
     made: FloatArray
 
 
@@ -447,10 +446,7 @@ _HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint onl
 
 
 def judge(found: Found) -> Diagnosis:
-    """Return the verdict on the result of a search, with its reasons.
-
-    Places of the error, values of the baseline and the next experiment are left out.
-    """
+    """Return the verdict on the result of a search, with its reasons."""
     problem, x, search = found.problem, found.x, found.search
     plant, never = problem.plant, found.held.never
     tied = {rival for effect in found.effects for rival in effect.rivals}
@@ -539,8 +535,7 @@ def verdict_of(
     """Return the verdict as one word and as a few sentences.
 
     `deviating` are parameters tuned far beyond their priors, `stretch` exceeds its
-    limit, `unhooked` is the error of the worst trial with the cables off, over the
-    noise.
+    limit, `unhooked` is the largest error of trials with the cables off, over noise.
     """
     if found.effects:
         kind, statement = _verdict(found, stretch, unhooked)

@@ -69,8 +69,7 @@ class PeriodicError(NamedTuple):
     order: float  # periods per turn
     order_error: float  # standard error of the order
     amplitude: float  # in N m, or in N m per N m of torque where `by_torque`
-    # Whether the amplitude is proportional to the torque; None where these data do not
-    # determine that
+    # Whether the amplitude is proportional to the torque; None if not determined
     by_torque: bool | None
     share: float  # of the squared error that it explains on samples not fitted to
     statistic: float  # error that it explains, over that of the adjacent orders
@@ -167,8 +166,7 @@ class _Prepared:
         is_weak = near[best] < Limit.min_error_share * self._total
         if is_weak or not np.isfinite(background[place]):
             return None
-        # A short motion smears a period over the adjacent orders, so they are judged
-        # without it.
+        # A short motion smears a period, so adjacent orders are judged without it.
         order = float(finer[best])
         pair = self._pair(angle, by_torque, order)
         left = self._error - pair @ np.linalg.lstsq(pair, self._error)[0]
@@ -432,10 +430,7 @@ def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
 def error_places(
     result: Found, drawn: Sequence[Map], differences: TrialDifferences
 ) -> tuple[Where, ...]:
-    """Return the locations of the error of the baseline, the main sentence first.
-
-    Errors of fits to all data: those of held-out trials contain their parameters'.
-    """
+    """Return where the error of the baseline, fitted to all data, lies."""
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)
     after = result.problem.torques(result.x)

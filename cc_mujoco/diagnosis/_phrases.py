@@ -113,10 +113,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def tried_sentence(diagnosis: Diagnosis) -> str:
-    """Return in a sentence how many known effects were screened and refitted.
-
-    It is empty where the search did not begin.
-    """
+    """Return how many known effects were screened and refitted, "" without a search."""
     if not diagnosis.runner_ups:
         return ""
     count = len({each.id for step in diagnosis.runner_ups for each in step})

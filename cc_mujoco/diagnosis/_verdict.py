@@ -30,9 +30,7 @@ class TrialTrace:
     joint_angle: FloatArray  # as given to the model [rad]
     # Channel to readings, low-passed as the model's inputs are [N m]
     measured: Mapping[str, FloatArray]
-    # Channel to the baseline's prediction by parameters that were fitted to other data
-    # [N m]
-    before: Mapping[str, FloatArray]
+    before: Mapping[str, FloatArray]  # of the baseline, fitted to other data [N m]
     after: Mapping[str, FloatArray]  # of the model with the named effects [N m]
     counts: FloatArray  # 1 where a sample counts; 0 in the run-in after the start
 
@@ -136,8 +134,7 @@ class Confounded:
     id: str  # of the effect
     parameter: str  # of the baseline that does the same
     shift: str  # change of that parameter by a plausible size of the effect, in words
-    # Size of the effect that would make up for where the parameter was tuned to, in
-    # words; empty where it stayed about where the scene has it
+    # Size that makes up for the tuning, in words; "" where it is about as given
     explains: str
     remedy: str  # what to declare or to record to distinguish them
 

@@ -129,10 +129,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """Return the deviation of one repetition, and the trials it is from.
-
-    It comes from declared repeats, else from periods; NaN samples do not count.
-    """
+    """Return the deviation of a repetition, by repeats or periods, and its trials."""
     pairs = [
         ({original.name, trial.name}, pair)
         for original, trial in _repeat_pairs(trials)
@@ -242,8 +239,7 @@ class Excitation(NamedTuple):
     """Coverage of a dataset."""
 
     duration: float  # time in valid stretches [s]
-    # Slowest and fastest speed of the motor that stands out of the noise, its 2nd and
-    # 99th percentile [rad/s]
+    # Slowest and fastest speed of the motor's motions, 2nd and 99th percentile [rad/s]
     speed: tuple[float, float]
     reversals: int  # of the motor
     dwells: tuple[float, float]  # shortest and longest rest between motions [s]

@@ -243,8 +243,7 @@ def check_signs(group: Group) -> Findings:
     if follows < 0.0:
         certain = True
     elif made:
-        # A wrong gain of a torque sensor makes a little power; only a wrong sign makes
-        # much.
+        # A wrong gain of a sensor makes a little power, only a wrong sign much.
         net = abs(m.motor_work) + abs(m.joint_work)
         large = max(0.06 * m.scale, 0.2 * net)
         certain = torque_correlation < 0.0 or -friction > large
@@ -472,10 +471,7 @@ def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
 def _delay_and_drift(
     windows: list[_Window], times: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Return the delay and drift at which all windows together correlate best.
-
-    A single window of a periodic motion has many peaks; together they have one.
-    """
+    """Return the delay and drift at which all windows, with many peaks each, agree."""
     matches = np.array([window.match for window in windows])
     width, penalty = matches.shape[1], 0.01
     reach = width // 2
@@ -637,9 +633,8 @@ def _fits_by_lag(
 ) -> FloatArray | None:
     """Return the fit of a channel by lag, None where a trial is too short.
 
-    It is -ln(1 - R²) of a regression of rates: of the lead on both torques, neither
-    with a negative sign, as the mean tension is between those at the ends; or of the
-    angles.
+    It is -ln(1 - R²) of a regression of rates: of the lead on both torques, none with a
+    negative sign, as the mean tension is between those of the ends; or of angles.
     """
     reach = round(MAX_DELAY / trial.step)
     parts = [part for part in trial.segments if part.stop - part.start > 2 * reach]
@@ -679,10 +674,7 @@ def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
 
 
 def _lead_correlation(trial: Trial, bench: Bench) -> float:
-    """Return the correlation of motor lead and transmitted torque, 0 if unknown.
-
-    Clocks and offsets are taken out; it counts with and without a wrong ratio.
-    """
+    """Return the correlation of lead and torque, clocks and offsets aside, or 0."""
     parts = [p for p in trial.segments if p.stop - p.start >= 200]
     if trial.motor_torque is None or trial.joint_torque is None or not parts:
         return 0.0

@@ -76,10 +76,7 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
-    """Compare the measured ratio of the angles with the `ratio` of a scene.
-
-    `trial` comes closest to the scene; `several` rule out that the motor was held.
-    """
+    """Compare the closest trial with the `ratio` of a scene; `several` trials agree."""
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []
@@ -108,10 +105,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
 
 
 def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
-    """Compare trials with a scene: the ratio of the angles, the size of the torques.
-
-    A cable that winds up moves the joint less, so the closest trial counts.
-    """
+    """Compare the closest ratio, as cables wind up, and all torques with a scene."""
     checks = [_check_overload, _check_known_range]
     findings: Findings = []
     if bench.others:  # the ends do not turn by one ratio
@@ -339,8 +333,7 @@ def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:
         steps = np.abs(np.diff(recording.values[channel]))
         steps = steps[np.isfinite(steps)]
         jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < Limit.max_angle_step))
-        # A motor that turns as far in one sample as in the next is fast, or counts in
-        # turns.
+        # A motor that turns as far in one sample as in the next is fast.
         if not jumps or np.quantile(steps, 0.9) > Limit.max_angle_step:
             continue
         message = (

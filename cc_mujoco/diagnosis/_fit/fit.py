@@ -66,9 +66,8 @@ def prepare_start(
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
     """Return the start, and records with the samples that count by its values.
 
-    `bench` is that of the scene, with what `[rig]` declares. Estimates by which no
-    motion would carry the cable along fit something that the scene lacks, and are not
-    used.
+    `bench` has what `[rig]` declares. Estimates by which no motion would carry the
+    cable along fit something that the scene lacks, and are not used.
     """
     records, filtering = prepare(dataset, bench)
     start = _estimate_start(dataset, bench, records)
@@ -235,9 +234,8 @@ class _Grid:
     ) -> tuple[dict[str, float], float]:
         """Return values and cost of the best fit with these parameters free.
 
-        There are none where the scene's own are not much worse than the best point, or
-        where none explain the data. If `coarse`, the grid has only the stiffness of the
-        line.
+        There are none where the scene's own are about as good as the best point, or
+        none explain the data. If `coarse`, the grid has only the stiffness of the line.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
         centre = {name: each[len(each) // 2] for name, each in tried.items()}
@@ -379,8 +377,7 @@ def fit_baseline(
     free = simulation.baseline_parameters(plant.bench, records, *known)
     counts = [record.free for record in records]
     starts, slopes = [np.zeros(len(free))], TorqueDerivatives()
-    # Where the pretension is unknown, fits end in different minima, depending on
-    # whether the slack side of a pair goes slack.
+    # Of an unknown pretension, fits end in minima with or without a slack side.
     for k, p in enumerate(free):
         if p.name == "pretension" and p.scale > 0.3:
             for factor in (0.1, 0.3, 3.0):
@@ -515,9 +512,8 @@ class Holdout:
     def __init__(self, baseline_fit: BaselineFit) -> None:
         self._baseline = baseline_fit
         records = baseline_fit.problem.plant.records
-        # Whole trials. If a single trial shows an effect, say the only one at low
-        # pretension, the others cannot determine it: then stretches of all trials are
-        # held out.
+        # Whole trials; stretches of all where a single trial shows an effect, which the
+        # others cannot determine.
         self._divisions = (
             fitting.trial_folds(records),
             fitting.interleaved_folds(records),
@@ -609,8 +605,7 @@ def check_effects(
 ) -> tuple[str, ...]:
     """Return a sentence for each effect that the data cannot show.
 
-    Refused are those that are not off where their sizes are 0, or have no finite
-    torques or derivatives there.
+    One is refused that is not off, finite or differentiable where its sizes are 0.
     """
     notes = []
     effects = plant.library.effects
@@ -690,9 +685,9 @@ def unit_or_sign_error(
 ) -> str:
     """Return in what the torques contradict this scene by unit or sign, or "".
 
-    A generic scene may be off by any factor; only that of a unit counts, if no other
-    values explain the readings: those of `start`, a plant with estimates in place of
-    what the data contradict, with `values` that come with them.
+    A scene may be off by any factor; only that of a unit counts, if no other values
+    explain the readings: `values` with those of `start` in place of what is
+    contradicted.
     """
     wrong: list[str] = []
     units: set[str] = set()

@@ -154,9 +154,7 @@ def plausible_size(
 
 class Spread(NamedTuple):
     covariance: FloatArray  # (parameters, parameters)
-    # (parameters,) degrees of freedom with which its diagonal is known, see
-    # `estimation._least_squares.estimate`
-    freedom: FloatArray
+    freedom: FloatArray  # (parameters,) degrees of freedom of its diagonal
 
 
 def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
@@ -299,8 +297,7 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
 
 
 class Disagreement(NamedTuple):
-    # (parameters,) mean square of the moves over what noise makes of it; 1 where noise
-    # is all there is
+    # (parameters,) mean square of the moves over that of noise; 1 where that is all
     factor: FloatArray
     freedom: FloatArray  # (parameters,) degrees of freedom with which that is known
 

@@ -199,8 +199,7 @@ def resample_angles(
 ) -> Record:
     """Return the record as it might be read another time, with shifted digits.
 
-    At rest and in slow creep an angle wanders inside a digit, which passes every
-    filter.
+    At rest an angle wanders inside a digit, which passes every filter.
     """
     angles = [record.motor_angle, record.joint_angle]
     thin = round(record.dt / record.step)
@@ -228,8 +227,7 @@ def unsettled(record: Record, filtering: Filtering, random: Generator) -> Record
     for angle, width in zip(
         (record.motor_angle, record.joint_angle), filtering.still, strict=True
     ):
-        # The play filter limits such a movement: a servo that integrates, or a hand
-        # that lets go, creeps to the end of it.
+        # The play filter limits it: a servo that integrates creeps to the end.
         moved = np.zeros(angle.size)
         edges = np.flatnonzero(np.diff(angle) != 0.0)
         for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):

@@ -163,8 +163,7 @@ def residual_slopes(
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
 
-    `torques` are of every record with such samples; without them no error counts as
-    large.
+    `torques` are of every record with such samples; without, no error counts as large.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     delta, found = Limit.huber_delta, []
@@ -209,11 +208,7 @@ Masks = Sequence[NDArray[np.bool_]]
 def tuned_effect_parameter(
     parameter: EffectParameter, start: float, plant: SimulatedRig
 ) -> Tuned:
-    """Return a parameter of an effect as a tuned parameter of the fit.
-
-    The prior's deviation is half of the largest plausible size: where the data leave a
-    direction open, it stays small.
-    """
+    """Return a parameter of an effect as one of the fit, with a plausible prior."""
     described, size = parameter.parameter, parameter.typical
     low, high = described.low, described.high
     if parameter.shape:
@@ -225,8 +220,7 @@ def tuned_effect_parameter(
     else:
         prior = 0.5 * simulation.plausible_range(parameter, plant)[1] / size
         found = Tuned(described, 0.0, size, low / size, high / size, prior)
-    # The valid range of a cable parameter ends at its bounds, and so may a fit: no
-    # rounding may leave them.
+    # No rounding may leave the bounds of a cable's parameter.
     while found.value(found.low) < low:
         found = found._replace(low=math.nextafter(found.low, math.inf))
     while found.value(found.high) > high:
@@ -249,13 +243,11 @@ class Problem:
     weight: float = 1.0
     # Factor of the floor where the baseline is far off, see `with_inflated_noise`
     inflation: float = 1.0
-    # The part of `noise` by which repetitions differ beyond that of sensors; a wrong
-    # model makes some of it
+    # The part of `noise` beyond that of sensors; a wrong model makes some of it
     scatter: FloatArray | float = 0.0
     # Values that select the forms of effects, see `form_key`
     forms: Mapping[str, float] = field(default_factory=dict)
-    # (2, samples) of every record that is added to the simulated torques, see
-    # `corrected` [N m]; none where it is empty
+    # (2, samples) of every record added to the torques, if any, see `corrected` [N m]
     defect: tuple[FloatArray, ...] = ()
     # Derivatives of the plant's torques, shared with other noise
     slopes: TorqueDerivatives = field(
@@ -586,8 +578,7 @@ class CrossValidation(NamedTuple):
 
     problem: Problem  # the model
     fits: tuple[Fit, ...]  # one per fold
-    # (2, samples) of every record, over the floor and by Huber as in fits: of the
-    # fit that has not seen the sample, NaN where no fit was held out
+    # (2, samples) over the floor by Huber, of the fit without the sample; else NaN
     errors: tuple[FloatArray, ...]
     division: Folds = ()  # folds that it was fitted on
 

@@ -341,8 +341,7 @@ class TrialConstants(NamedTuple):
     change: FloatArray
     error: FloatArray  # (trials,) standard errors of `change`
     share: float  # of the squared error beyond the floor that these values explain
-    # (trials,) in the unit of the parameter, if it is no logarithm; NaN where the fit
-    # by trial fails
+    # (trials,) in the parameter's unit, if no logarithm; NaN where the fit fails
     value: FloatArray = np.zeros(0)
     value_error: FloatArray = np.zeros(0)  # (trials,) standard errors of `value`
 
@@ -609,10 +608,7 @@ class TrialDifferences(NamedTuple):
     def of(
         cls, problem: Problem, x: FloatArray, warmth: Mapping[str, float]
     ) -> TrialDifferences:
-        """Fit the constants around a fitted model.
-
-        `warmth` is the mean temperature of trials by name, where it is known [degC].
-        """
+        """Fit the constants; `warmth` has the mean temperatures of trials [degC]."""
         constants = trial_constants(problem, x)
         names = constants[0].trials if constants else ()
         own = [[r for r in problem.plant.records if r.trial == name] for name in names]
@@ -752,10 +748,7 @@ def compare_occasions(
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change to the later occasion, and the same in words.
-
-    The estimate of `tuned` is the earlier occasion over the later one, or less it.
-    """
+    """Return the change since the occasion of an estimate, and the same in words."""
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:

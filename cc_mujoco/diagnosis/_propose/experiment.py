@@ -48,8 +48,7 @@ class CataloguedTrial:
     load_cell: str = ""  # channel of a load cell in one cable, or ""; see `TrialFacts`
     hard: bool = False  # whether it is proposed only if no other settles the tie
     usual: bool = True  # whether a plan considers it; others are proposed for a tie
-    # Whether a plan always has it: no other trial separates the effects of weights,
-    # springs and sensors
+    # Whether a plan always has it, as no other separates weights, springs and sensors
     standard: bool = False
 
     def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
@@ -245,10 +244,7 @@ def motions(
 
 
 def middle_angle(bench: Bench, swing: float) -> float:
-    """Return the motor angle about which the motor can swing to both sides [rad].
-
-    The joint is in the middle of its named trajectories there, or as near as is known.
-    """
+    """Return the motor angle about which the motor can swing to both sides [rad]."""
     low, high = np.sort(bench.following(np.array(bench.span)))
     if high - low < 2.0 * swing:
         return 0.5 * float(low + high)
@@ -294,11 +290,7 @@ class Rivals(NamedTuple):
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """Two models and the places of their fits, weighted by their own errors.
-
-        By the errors of the model before, data would count as little as while neither
-        effect was known.
-        """
+        """Two models, weighted by their own errors, and the places of their fits."""
         found = []
         for model in self.models:
             masks = [record.free for record in model.problem.plant.records]
@@ -337,8 +329,7 @@ def propose(
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
     """Return the first two effects of a tie, as they were refitted to one model."""
     one, two = tie[:2]
-    # The last round that has both; parts of the data may name effects that no round has
-    # together.
+    # The last round that has both; parts of the data may name others.
     before, models = found.before, {}
     for step in reversed(found.rounds):
         refitted = {c.id: c.crossed for c in step.candidates}
@@ -394,8 +385,7 @@ def best_trial(rivals: Rivals) -> Proposal | None:
         score = weight * float(np.linalg.norm(left / unsure))
         if score < Limit.decisive_sigmas:
             continue
-        # If one is true, the remaining difference is that of the other one, fitted
-        # again.
+        # If one is true, the error of the other one, fitted again, remains.
         share = noise / floor
         made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
         settles = [
@@ -615,9 +605,9 @@ def refit_difference(
 ) -> FloatArray:
     """Return the rest of a difference after a refit within bounds (2, samples).
 
-    `record` is the new trial as the model predicts it, `noise` (2, 1) of the torques [N
-    m], `known` (residuals, parameters) the Jacobian on present data and priors,
-    `difference` (2, samples) is relative to the noise.
+    `record` is the new trial as predicted, `noise` (2, 1) of its torques [N m], `known`
+    (residuals, parameters) the Jacobian on present data and priors, `difference` (2,
+    samples) is relative to the noise.
     """
     from scipy.optimize import lsq_linear
 

@@ -175,10 +175,7 @@ def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
 def _gram_matrices(
     problem: Problem, x: FloatArray, ids: Sequence[str]
 ) -> tuple[list[FloatArray], list[tuple[str, float]]]:
-    """Return the Gram matrix of changes in each record, and amplitudes of effects.
-
-    The baseline's parameters come first, whose priors are divided among the records.
-    """
+    """Return the Gram matrix of each record, baseline first, and its amplitudes."""
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)
@@ -375,11 +372,7 @@ def _half_range(bench: Bench) -> float:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the largest angle of the motor to either side in a plan [rad].
-
-    The joint stays within its named trajectories, and the motor can go that far within
-    a second.
-    """
+    """Return the motor's largest angle to either side, within a second [rad]."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else _half_range(bench)
         return min(0.8, half)

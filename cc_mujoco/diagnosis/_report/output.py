@@ -360,10 +360,7 @@ def write(
 def write_proposed(
     folder: Path, planned: NextExperiment, motion: CataloguedTrial, dataset_toml: str
 ) -> None:
-    """Write a proposed trial as a plan of one trial.
-
-    The text of `dataset_toml` comes first, so that one file has the facts of all.
-    """
+    """Write a proposed trial as a plan of one trial, after the facts of all others."""
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
     number = planned.trial.removeprefix("trial_")

@@ -183,8 +183,7 @@ class Record:
     pretension: float | None  # None if unknown; 0 without the cables [N]
     start: float  # time from the beginning of the trial to the first sample [s]
     split: str | None  # purpose that `dataset.toml` reserves the trial for, else None
-    # Name of the trials that repeat each other; they are never on both sides of a
-    # division
+    # Name of the trials that repeat each other, always on one side of a division
     group: str
     tilt: float = 0.0  # angle by which the rig was turned about the joint's axis [rad]
     occasion: str = ""  # name of the day or session
@@ -310,8 +309,7 @@ def _record(
     # Without samples on both sides the filter differs between the signals.
     edge = max(2, round(0.5 / band / dt))
     if known.motor == "motor current":
-        # At rest the motor's own friction holds any torque, and the filter spreads
-        # that to adjacent samples.
+        # At rest the motor's friction holds any torque, which the filter spreads.
         speed = np.abs(np.gradient(smooth[0], dt))
         rests = speed <= 0.03 * np.quantile(speed, 0.95)
         counts &= np.convolve(rests, np.ones(2 * edge + 1), "same") < 0.5
@@ -346,9 +344,8 @@ def _record(
 def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle without movements smaller than `width` (samples,) [rad].
 
-    It is followed with this much play forwards and backwards in time, whose mean has no
-    lag and stands still by noise; at a turn the play is added back, as friction answers
-    there.
+    It is followed with this play forwards and backwards, whose mean has no lag and
+    stands still by noise; at a turn the play is added back, as friction answers there.
     """
     if width == 0.0:
         return angle
@@ -517,9 +514,8 @@ def with_lead_in(
 ) -> tuple[FloatArray, FloatArray]:
     """Return both angles (samples,) after a lead-in, refined to `substeps` per sample.
 
-    It begins at the pose 0 in pretension, takes both ends to where the joint is, then
-    the motor to its place; `following` is the motor angle that keeps the cables'
-    length.
+    From the pose 0 in pretension it takes both ends to where the joint is, then the
+    motor to its place; `following` is the motor angle that keeps the cables' length.
     """
     count = Limit.ramp_samples
     there = np.linspace(0.0, 1.0, count + 1) * joint[0]

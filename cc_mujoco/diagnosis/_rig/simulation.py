@@ -321,10 +321,7 @@ def baseline_parameters(
     instruments: Instruments = TORQUE_SENSORS,
     guessed: Collection[str] = (),
 ) -> tuple[Tuned, ...]:
-    """Return the parameters of the baseline; the data show `guessed` ones.
-
-    `bench` has the values of the constants, `constants` their uncertainties.
-    """
+    """Return the baseline's parameters; `guessed` ones are estimated from the data."""
     cable = bench.cables[0]
     step = records[0].step
 
@@ -435,8 +432,7 @@ class SimulatedRig:
     instruments: Instruments = TORQUE_SENSORS  # of the torques of the records
     # Constants of motor and load in the rig's file
     constants: Mapping[str, Constant] = field(default_factory=dict)
-    # Values of the scene that the data contradict, by name; the bench has estimates in
-    # their place
+    # Values of the scene that the data contradict; the bench has estimates for them
     given: Values = field(default_factory=dict)
 
     @cached_property
@@ -513,10 +509,7 @@ class SimulatedRig:
         pretension: float | None = None,
         conditions: TrialConditions = USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
-        """Return the cables with these values of the first; others keep their ratios.
-
-        A `pretension` of a trial replaces the scene's [N].
-        """
+        """Return the cables, which keep their ratios, at a trial's pretension [N]."""
         first = self.bench.cables[0]
         tension = values.get("pretension", first.pretension)
         if pretension is not None and first.pretension > 0.0:
@@ -627,11 +620,7 @@ class SimulatedRig:
 
     @cached_property
     def coarse(self) -> SimulatedRig:
-        """Same rig with an eighth of the segments and steps, where it has many.
-
-        That suffices for differences of two simulations: most of the numerical error is
-        in both.
-        """
+        """Same rig with an eighth of the segments and steps, which differences need."""
         least = min(self.segments, Limit.min_segments)
         segments = max(self.segments // Limit.coarsening, least)
         substeps = max(self.substeps // Limit.coarsening, 1)

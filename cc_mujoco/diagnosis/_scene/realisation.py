@@ -302,8 +302,7 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     if play < 0.0:
         raise CableError(f"backlash is {play!r} rad; it must be 0 or more")
     name, step = f"{bench.joint}_pulley", spec.option.timestep
-    # The cables' stiffness and this inertia swing with 1 / step, half of what an
-    # explicit force allows.
+    # With it the cables swing with 1 / step, half of what an explicit force allows.
     inertia = rim_stiffness(bench, bench.joint_radius) * step**2
     joint = spec.joint(bench.joint)
     model = spec.compile()
@@ -434,8 +433,7 @@ def inertia(side: Literal["motor", "joint"]) -> Realise:
         joint.armature += size
         if bench.lever is not None:
             return
-        # MuJoCo's sensors do not measure armature; they measure the torque on a body
-        # that rides along.
+        # No sensor shows armature, but one the torque on a body that rides along.
         joint.armature -= Limit.probe_inertia
         shown = sensor_word(f"{name}_acceleration")
         place = model.jnt_pos[index]
@@ -461,11 +459,9 @@ def _set_isotropic_inertia(body: MjsBody, centre: FloatArray, inertia: float) ->
 class _Realisation:
     note: str  # means of the realisation, and advice to a user of the scene
     apply: Realise  # changes a scene
-    # Whether it needs a pulley, or torques that are sums of sensors, which a joint with
-    # a lever has not
+    # Whether it needs a pulley, or torques as sums of sensors; a lever has neither
     pulley: bool = True
-    # Names of its values, those of the effect unless given; 0 is off, and leaves the
-    # scene as it was
+    # Names of its values, those of the effect unless given; 0 is off
     parameters: tuple[str, ...] = ()
 
 

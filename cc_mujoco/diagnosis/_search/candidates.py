@@ -38,8 +38,7 @@ class Signature(NamedTuple):
     id: str  # of the effect
     start: dict[str, float]  # where it would explain most, amplitudes solved for
     explained: float  # share of the squared error that it would explain, to first order
-    # Share of the held-out squared error that it would explain, to first order: fitted
-    # to each fold's part and tested on its other
+    # The same of the held-out error: fitted to each fold's part, tested on its other
     foreseen: float
     visible: float  # RMS of its plausible size over the floor, after retuning
     basis: FloatArray  # (residuals, k) orthonormal, of its signatures
@@ -47,10 +46,7 @@ class Signature(NamedTuple):
 
 
 class Changes:
-    """Torque changes due to effects, kept by record for models that are alike.
-
-    They hold while the model's torques change by at most `Limit.max_model_change`.
-    """
+    """Torque changes due to effects, by record, while its torque hardly changes."""
 
     def __init__(self) -> None:
         # By record the torques (2, samples) of models [N m], and by effect, start and
@@ -156,8 +152,7 @@ class _Screen(_Place):
         self._error = error = problem.residual(x, masks)
         slopes = fitting.jacobian(problem, x, masks)
         size = np.linalg.norm(slopes, axis=0)
-        # Parameters without influence are left out, and those at a bound: they cannot
-        # move further.
+        # Parameters without influence and those at a bound are left out.
         margin = 1e-3
         places = zip(problem.tuned, x, strict=True)
         inside = np.array([p.low + margin < at < p.high - margin for p, at in places])
@@ -291,11 +286,7 @@ def changes_by_effects(
 def bounded_least_squares(
     columns: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Solve bounded least squares approximately: violated bounds become active.
-
-    Of columns that resemble each other one may run beyond its bound to make up for
-    another, which is then solved for again.
-    """
+    """Solve bounded least squares approximately; violated bounds become active."""
     found = np.zeros(low.size)
     open_ = np.ones(low.size, dtype=bool)
     while open_.any():
@@ -395,10 +386,7 @@ def rejection_reason(crossed: CrossValidation, name: str, gain: float, z: float)
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
-    """Return the round that adds the best acceptable candidate, with its rivals.
-
-    `candidates` are sorted in place.
-    """
+    """Return the round that adds the best acceptable candidate; sorts `candidates`."""
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:

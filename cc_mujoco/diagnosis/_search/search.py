@@ -88,8 +88,7 @@ class Search(NamedTuple):
     after: CrossValidation  # the model with all effects that were added
     rounds: tuple[Round, ...]  # steps
     signatures: tuple[Signature, ...]  # of every effect, on top of the baseline
-    # Share of the baseline's held-out squared error beyond the floor that remains where
-    # an effect is taken out again and all else is refitted
+    # Share of the squared error beyond the floor that returns without each effect
     shares: Mapping[str, float]
     changes: Changes  # cache of torque changes by effects
     known: tuple[CrossValidation, ...] = ()  # models that have been fitted
@@ -144,8 +143,7 @@ def names_found(
 @dataclass(frozen=True)
 class _Additions:
     progress: Progress = no_progress
-    # Search in all data, of which a model gives the same model of a part its floor,
-    # numerical resolution and start values
+    # Search in all data, whose models give those of a part floor, plant and start
     whole: Search | None = None
     earlier: Search | None = None  # search whose candidates are not fitted again
 
@@ -161,9 +159,8 @@ class _Additions:
         try:
             for count in range(Limit.max_effects):
                 left = [name for name in ids if name not in now.problem.effects]
-                # At the floor there is nothing to explain, and chance rewards any
-                # effect; one torque alone does not contradict an effect that fits it a
-                # little better.
+                # At the floor chance rewards any effect, and one torque alone does not
+                # contradict an effect that fits it a little better.
                 both = len(now.problem.plant.instruments.rows) > 1
                 least = Limit.floor_misfit if both else Limit.max_misfit
                 hopeful = now.misfit > least
@@ -244,9 +241,8 @@ class _Additions:
     def _best_form(self, now: CrossValidation, signature: Signature) -> Candidate:
         """Return the effect refitted in the form that does best on held-out data.
 
-        Other forms are tried where the one that screens best is accepted, and the
-        effect's own sizes where that leaves the error unexplained: far from the truth a
-        size by first order may lead to another minimum.
+        Other forms are tried where the first is accepted, and other sizes to start with
+        where that leaves an error: far from the truth those of first order may mislead.
         """
 
         def refitted(start: dict[str, float]) -> Candidate:
@@ -515,10 +511,7 @@ def _drop_doubtful(
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
-    """Return a search that ends with the rest of its model, fitted at `x`.
-
-    Each of three effects may be redundant given the two others.
-    """
+    """Return a search that ends with the rest of its model, fitted at `x`."""
     if problem.effects == found.after.problem.effects:
         return found
     if not problem.effects:
@@ -563,8 +556,7 @@ def _found_effects(
 class Agreement(NamedTuple):
     """Support that parts of the data give to the effects of the whole."""
 
-    # Share of the parts that name an effect or one it is tied with, by id; empty where
-    # the data are explained, or too few to be divided
+    # Share of the parts that name an effect or one it is tied with, by id, if any
     shares: Mapping[str, float]
     # Effects that many parts name in its place or as well as it, by id
     rivals: Mapping[str, tuple[str, ...]]
@@ -577,9 +569,8 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    One that closes little of the gap is a finding where it explains half of the squared
-    error left without it, clearly more than noise, unless a larger one is confused with
-    it, whose form it may mend.
+    One that closes little is a finding where it explains half of the squared error left
+    without it, beyond noise, unless a larger one is confused with it.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False

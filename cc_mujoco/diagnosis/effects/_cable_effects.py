@@ -35,8 +35,7 @@ def _stribeck(given: Cables, values: Values, _: RigGeometry) -> Cables:
 
 
 def _asymmetric(given: Cables, values: Values, _: RigGeometry) -> Cables:
-    # Liners wear one by one, so two cables may differ. The antagonist moves the
-    # other way.
+    # Liners wear one by one; the antagonist moves the other way.
     each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
     pairs = zip(given, each, strict=False)
     return tuple(cable.replace(friction_asymmetry=size) for cable, size in pairs)

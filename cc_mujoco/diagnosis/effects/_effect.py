@@ -65,8 +65,7 @@ WIND_UP_BOUNDS = (1e-5, 0.1)
 class EffectParameter(NamedTuple):
     """Parameter of an effect with its plausible size; 0 is off."""
 
-    # Its descriptor, with the bounds of fits; logarithmic where it cannot be 0 and only
-    # shapes the effect
+    # Descriptor with the bounds of fits; logarithmic if a shape that cannot be 0
     parameter: Parameter
     typical: float  # size that is plausible on a rig; the scale of fits
     # Least and largest value of the effect; one that fits only beyond is not named
@@ -83,18 +82,13 @@ class EffectParameter(NamedTuple):
         "joint_torque per motion",
         "cable",
     ] = ""
-    # Size that any rig may have without a report, a fraction of `ordinary_of`; a
-    # smaller one belongs into the model, but is not called missing
+    # Size that any rig may have, a fraction of `ordinary_of`, not called missing
     ordinary: float = 0.0
     # The elongation of the cable per tension, or the pretension (of the friction per
     # length times the length of the conduit)
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
-    # True if it may accompany the effect without being a size of it: the effect is
-    # absent if all other sizes are 0
-    beside: bool = False
-    # True if it only shapes the effect, although it is fitted linearly, as the place of
-    # a stop is
-    shape: bool = False
+    beside: bool = False  # True if it accompanies the effect without being a size of it
+    shape: bool = False  # True if it only shapes the effect, though fitted linearly
 
     @property
     def name(self) -> str:
@@ -213,21 +207,17 @@ class Effect:
     confounded_with: tuple[str, ...]  # ids that it is easily confused with
     source: str  # publication
     where: Place = "conduit"  # part of the rig in which it acts
-    # Values from which it is screened and fitted, typical ones unless given; several
-    # where the fit depends on an unknown scale
+    # Values that fits start from, typical unless given; several of an unknown scale
     starts: tuple[Values, ...] = ({},)
     scene_note: str = ""  # how `edit_spec` adds it, for the comment of a written scene
-    # The cables with the effect; an effect of the conduit that says nothing else sets
-    # its parameters on every cable
+    # The cables with the effect; by default with its parameters on every cable
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
     # The signals with the effect, in the order motor, joint, sensors
     torques: Callable[[Signals, Values], Signals] | None = None
     sensor: bool = False  # True of a sensor, applied after the mechanical ones
-    # Ids that are special cases of it; where one of them does as well, this one is no
-    # rival
+    # Ids of its special cases; where one of them does as well, this one is no rival
     generalises: tuple[str, ...] = ()
-    # Ids of effects whose form it has on some rigs, so that the quality of the fit does
-    # not distinguish them
+    # Ids of effects whose form it has on some rigs, so that fits do not part them
     form_of: tuple[str, ...] = ()
     # Coefficients (a, b, ...) of the joint's moment arm over the nominal one, 1 + a q +
     # b q^2 + ..., at joint angle q
@@ -240,17 +230,14 @@ class Effect:
     edit_spec: Callable[[MjSpec, Bench, Values], None] | None = None
     columns: tuple[str, ...] = ()  # columns of the file that it takes
     by_trial: bool = False  # True if the cables depend on the trial's conditions
-    # True if it is searched on request, and where the other effects leave the error
-    # unexplained
+    # True if searched on request, and where the others leave the error unexplained
     rare: bool = False
-    # Ids of usual effects that a rare one can equal on motions alone: it competes
-    # wherever one of them is accepted
+    # Ids of usual effects that a rare one equals on motions alone: they compete
     resembles: tuple[str, ...] = ()
     # Names of the forms in which it is offered; the value `form_key(id)` is the index
     # of the one that is simulated, 0 where there is none
     forms: tuple[str, ...] = ()
-    # Why sizes that are plausible by themselves are not together, in words after "fits
-    # only with"; "" if they are
+    # Why sizes are not plausible together, after "fits only with"; "" if they are
     implausible: Callable[[Values], str] | None = None
 
     def __post_init__(self) -> None:
@@ -288,11 +275,7 @@ def form_key(effect: str) -> str:
 def of_cable(
     name: str, low: float, high: float, typical: float, called: str = "", **more: Any
 ) -> EffectParameter:
-    """Return a parameter of the cable as that of an effect.
-
-    With a lower bound above 0, it is fitted as a logarithm; `called` is the name in the
-    effect, if it differs.
-    """
+    """Return a parameter of the cable as an effect's, `called` otherwise if need be."""
     scale: Any = "log" if low > 0.0 else "linear"
     bounds: Any = {"low": low, "high": high, "low_open": False}
     known = replace(_OF_CABLES[name], name=called or name, scale=scale, **bounds)
@@ -587,10 +570,7 @@ def _guarded(
     method: Callable[..., Any] | None,
     checked: Callable[..., Any] = lambda *_: None,
 ) -> Callable[..., Any] | None:
-    """Return the method with errors that name the effect, the file and the line.
-
-    `checked` returns its result, or says in words what it must return.
-    """
+    """Return the method with errors that name its effect; `checked` may object."""
     if method is None:
         return None
 

@@ -152,7 +152,6 @@ class Diagnose:
         print(f"report:   {report}")
 
     def _plan(self) -> None:
-        """Write the trials to record, and print what they leave doubtful."""
         scene, data = _scene_and_data(self.words)
         if data:
             raise CableError("--plan is for before there are data; give none with it.")

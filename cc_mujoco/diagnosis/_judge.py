@@ -597,7 +597,6 @@ def _verdict(
 
 
 def _model_statement(found: Found, stretch: Stretch | None) -> str:
-    """Return the model's error and its lesser effects in words."""
     before, after = floor_ratios(found.held.gap)
     changes = [
         f"the {channel_name(name)} "

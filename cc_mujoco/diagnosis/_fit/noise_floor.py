@@ -166,7 +166,7 @@ def _residual_trial(
 def likely(record: Record, filtering: Filtering) -> Record:
     """Return the record along a likely motion behind its reading."""
     both = record.motor_angle, record.joint_angle
-    angles = zip(both, record.read, filtering.still, strict=True)
+    angles = zip(both, record.read, filtering.still[:2], strict=True)
     band = filtering.motion_band
     motor, joint = (_likely(*angle, record.dt, band) for angle in angles)
     return replace(record, motor_angle=motor, joint_angle=joint)
@@ -224,9 +224,8 @@ def resample_angles(
 def unsettled(record: Record, filtering: Filtering, random: Generator) -> Record:
     """Return the record with movements that are too small to be seen."""
     angles = []
-    for angle, width in zip(
-        (record.motor_angle, record.joint_angle), filtering.still, strict=True
-    ):
+    both = record.motor_angle, record.joint_angle
+    for angle, width in zip(both, filtering.still[:2], strict=True):
         # The play filter limits it: a servo that integrates creeps to the end.
         moved = np.zeros(angle.size)
         edges = np.flatnonzero(np.diff(angle) != 0.0)

@@ -349,7 +349,6 @@ class Problem:
         return np.concatenate([x, new])
 
     def without(self, name: str) -> Problem:
-        """Return the problem without an effect."""
         effect = self.plant.library.effects[name]
         gone = {parameter.name for parameter in effect.parameters}
         tuned = tuple(p for p in self.tuned if p.name not in gone)

@@ -110,8 +110,8 @@ class Odd(NamedTuple):
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     """Return which trials fit once their torque columns are exchanged, or ""."""
-    records, every = problem.plant.records, _record_indices(problem)
-    firsts = {name: (own, records[own[0]]) for name, own in every.items()}
+    records, every = problem.plant.records, _record_indices(problem).items()
+    firsts = {name: (own, records[own[0]]) for name, own in every}
     able = {n: own for n, (own, r) in firsts.items() if not (r.unhooked or r.load_cell)}
     places = {n: own for n, own in able.items() if len(records[own[0]].measured) == 2}
 
@@ -131,7 +131,7 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     names = suspicious(x, Limit.outlier_floor_ratio, 0.5)
     if not names or 2 * len(names) > len(places):
         return ""
-    suspect, there = _leave_out(problem, x, names, every)
+    suspect, there = _leave_out(problem, x, names)
     names = suspicious(there, suspect.least, Limit.max_exchanged_share)
     if not names:
         return ""
@@ -166,7 +166,7 @@ def find_outlier_trial(
         names = tuple(name for name, own in tilts.items() if own == tilt)
         if 2 * len(names) <= len(places) and large.intersection(names):
             suspects.append(names)
-    found = [_leave_out(problem, x, names, places) for names in dict.fromkeys(suspects)]
+    found = [_leave_out(problem, x, names) for names in dict.fromkeys(suspects)]
     if not found:
         return None
     suspect, there = min(found, key=lambda each: each[0].rest)
@@ -212,12 +212,10 @@ def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
 
 
 def _leave_out(
-    problem: Problem,
-    x: FloatArray,
-    names: tuple[str, ...],
-    places: dict[str, list[int]],
+    problem: Problem, x: FloatArray, names: tuple[str, ...]
 ) -> tuple[Odd, FloatArray]:
     """Return how far trials are off by a fit to the others, and its place."""
+    places = _record_indices(problem)
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
     records = problem.plant.records

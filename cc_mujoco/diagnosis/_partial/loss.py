@@ -538,7 +538,7 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
         kind = "unknown"
     return Diagnosis(
         kind,
-        _statement(found, before, after, pair, dataset.constants),
+        _statement(found, before, after, pair, gains),
         ties=ties,
         baseline=Baseline(
             found.values, tuple(f"{capitalise(each)}." for each in found.undetermined)
@@ -620,11 +620,7 @@ def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
 
 
 def _statement(
-    found: LossFit,
-    before: float,
-    after: float,
-    pair: bool,
-    known: Mapping[str, Constant],
+    found: LossFit, before: float, after: float, pair: bool, gains: Constant | None
 ) -> str:
     values = found.values
     said = {name: format_estimate(value) for name, value in values.items()}
@@ -641,8 +637,8 @@ def _statement(
             f"With exact gains it is {said['exponent_driving']} where the motor drives "
             f"the load and {said['exponent_driven']} where the load drives the motor."
         )
-        if "gain_uncertainty" in known:
-            doubt = 2.0 * math.sqrt(2.0) * known["gain_uncertainty"].value
+        if gains is not None:
+            doubt = 2.0 * math.sqrt(2.0) * gains.value
             low, high = values["gain"].ci95
             if low > 1.0 + doubt or high < 1.0 - doubt:
                 text.append(

@@ -149,11 +149,7 @@ def isolating_trial(diagnosis: Diagnosis) -> str:
 
 
 OPEN_RECORDING = "rerun evidence.rrd"
-CONTINUE = continue_command("NEW_TRIALS", ".", "NEW_FOLDER")
 RUN_AGAIN = "run the same command again"
-NO_LOCATION = (
-    "No quantity that was recorded explains more of the error than chance does."
-)
 
 
 def next_command(diagnosis: Diagnosis) -> Html:
@@ -165,7 +161,7 @@ def next_command(diagnosis: Diagnosis) -> Html:
         command = OPEN_RECORDING
     elif diagnosis.verdict == "tie" and diagnosis.occasions is None and written:
         # A diagnosis of several occasions is repeated with the trial in their folders.
-        command = CONTINUE
+        command = continue_command("NEW_TRIALS", ".", "NEW_FOLDER")
     if not command:
         return Html()
     where = "" if command == again else ", in the folder of this report"
@@ -190,7 +186,8 @@ def next_steps(diagnosis: Diagnosis) -> Html:
         certain.append(f"{capitalise(effect_name(found.id))}: {list_words(sizes)}.")
     change, question = _model_change_step(diagnosis), _question_step(diagnosis)
     check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
-    where = next((each.statement for each in diagnosis.where), NO_LOCATION)
+    none = "No quantity that was recorded explains more of the error than chance does."
+    where = next((each.statement for each in diagnosis.where), none)
     close = [each for step in diagnosis.runner_ups for each in step if each.reason]
     best = max(close, key=lambda each: each.reduction, default=None)
     if best is not None and best.reduction > 0.0:

@@ -219,9 +219,11 @@ class Record:
 class Filtering:
     """Processing applied to the recorded signals."""
 
-    motion_band: float  # cut-off of the low-pass of angles [Hz]
+    band: float  # cut-off of the low-pass of torques [Hz]
+    motion_band: float  # cut-off of that of angles [Hz]
     passed: float  # variance that passes of white noise of a torque, over its own
-    still: tuple[float, ...]  # movement of motor and joint that counts as none [rad]
+    # Movement that counts as none, of motor, joint and others that are played [rad]
+    still: tuple[float, ...]
     load: float = 0.0  # noise of a known load's torque by that of the angle [N m]
 
 
@@ -237,18 +239,19 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     known = [dataset.noise.get(name) for name in angle_channels]
     sizes = [Limit.still_sigmas * each.deviation if each else 0.0 for each in known]
     still = tuple(size * passed[1] ** 0.5 for size in sizes)
+    shaken = 0.0
+    if dataset.instruments.joint == "known load":
+        noise = dataset.noise[JOINT_ANGLE].deviation
+        shaken = load_noise(dataset.constants, noise, first.rate, bands)
+    filtering = Filtering(*bands, passed[0], still, shaken)
     records = []
     conditions = _conditions(dataset.trials)
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= 50:  # samples
-                record = _record(trial, part, bands, bench, still, dataset)
+                record = _record(trial, part, dataset, bench, filtering)
                 records.append(replace(record, conditions=conditions[trial.name]))
-    shaken = 0.0
-    if dataset.instruments.joint == "known load":
-        noise = dataset.noise[JOINT_ANGLE].deviation
-        shaken = load_noise(dataset.constants, noise, first.rate, bands)
-    return tuple(records), Filtering(bands[1], passed[0], still[:2], shaken)
+    return tuple(records), filtering
 
 
 def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
@@ -269,21 +272,15 @@ def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
 
 
 def _record(
-    trial: Trial,
-    part: slice,
-    bands: tuple[float, float],
-    bench: Bench,
-    still: tuple[float, ...],
-    dataset: Dataset,
+    trial: Trial, part: slice, dataset: Dataset, bench: Bench, filtering: Filtering
 ) -> Record:
     noise, known, facts = dataset.noise, dataset.instruments, trial.facts
     tilt = facts.tilt or 0.0
     thin = max(1, int(trial.rate / 250.0 + 1e-9))  # so many are kept a second
-    band, motion_band = bands
     played = (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
     seen = ((trial.channel(name)[part], noise.get(name)) for name in played)
     angles = np.array([reconstruct_angle(values, own) for values, own in seen])
-    passed = low_pass(angles, motion_band, trial.rate)
+    passed = low_pass(angles, filtering.motion_band, trial.rate)
     torques = np.array(
         [
             load_torque(passed[1], trial.step, load_values(dataset.constants), tilt)
@@ -297,8 +294,9 @@ def _record(
         cell = SingleCell.of(name, bench, facts.pretension)
         torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
     read = passed[:, ::thin].copy()
-    measured = low_pass(torques, band, trial.rate)[:, ::thin]
-    smooth = np.array([play_filter(a, w) for a, w in zip(read, still, strict=True)])
+    measured = low_pass(torques, filtering.band, trial.rate)[:, ::thin]
+    pairs = zip(read, filtering.still, strict=True)
+    smooth = np.array([play_filter(angle, width) for angle, width in pairs])
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
@@ -307,7 +305,7 @@ def _record(
         run_in = 3.0 * wind_up_angle(bench)
     counts = (travel >= run_in) & (time - time[0] > 0.1)
     # Without samples on both sides the filter differs between the signals.
-    edge = max(2, round(0.5 / band / dt))
+    edge = max(2, round(0.5 / filtering.band / dt))
     if known.motor == "motor current":
         # At rest the motor's friction holds any torque, which the filter spreads.
         speed = np.abs(np.gradient(smooth[0], dt))
@@ -324,7 +322,7 @@ def _record(
         joint_angle=smooth[1],
         read=read[:2],
         measured=measured,
-        band=band,
+        band=filtering.band,
         counts=counts,
         pretension=0.0 if facts.unhooked else facts.pretension,
         known_torques=(facts.known_motor_torque, facts.known_joint_torque),

@@ -195,8 +195,6 @@ FRICTION_EFFECTS = (
 """Effects of the friction and the path of a cable, the plainest first."""
 
 
-_LOOSE_END_SHARE = 0.03
-"""Largest share of a cable that is straight at either end, where nothing holds it."""
 _FITTING_COMPLIANCES = (
     *("end_compliance", "end_compliance_antagonist"),
     *("proximal_compliance", "proximal_compliance_antagonist"),
@@ -297,7 +295,8 @@ CABLE_EFFECTS = (
             of_cable(
                 name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, 1e-5, name,
                 plausible=(0.0, 10.0), of="cable",  # beyond, it is a spring's
-                ordinary=2.0 * _LOOSE_END_SHARE, ordinary_of="cable",
+                # 3 % of the cable are straight at either end, where nothing holds it
+                ordinary=0.06, ordinary_of="cable",
             )
             for name in _FITTING_COMPLIANCES
         ),

@@ -29,8 +29,6 @@ BACKLASH_BOUNDS = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
 _AT_MOST_MEASURED = (-1.0, 1.0)
 """Share of the largest torque at the joint; more would show in the readings."""
-MAX_REST_ANGLE = 2.0 * math.pi
-"""Largest angle between a joint's 0 and the rest of a spring on it [rad]."""
 EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a turn off")
 """Forms of an eccentric pulley: the exit angle, and half a turn more."""
 
@@ -48,9 +46,9 @@ def _eccentric(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     return tuple(
         cable.replace(
             eccentricity=size,
-            eccentricity_phase=_rotate_phase(phase, side * turn),
+            eccentricity_phase=math.remainder(phase + side * turn, math.tau),
             ovality=ovality,
-            ovality_phase=_rotate_phase(second, 2.0 * side * turn),
+            ovality_phase=math.remainder(second + 2.0 * side * turn, math.tau),
         )
         for side, cable in enumerate(given)
     )
@@ -67,10 +65,6 @@ def _soft_play(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     ends = [clamp_to_bounds("end_compliance", each) for each in soft]
     pairs = zip(given, ends, strict=True)
     return tuple(cable.replace(end_compliance=each) for cable, each in pairs)
-
-
-def _rotate_phase(phase: float, angle: float) -> float:
-    return math.remainder(phase + angle, 2.0 * math.pi)
 
 
 def acceleration(angle: FloatArray, dt: float | FloatArray) -> FloatArray:
@@ -98,7 +92,7 @@ def _spring(s: Signals, v: Values) -> Signals:
 def _far_rest(v: Values) -> str:
     """Describe a spring with a rest so far away that it only adds an offset."""
     stiffness, moment = abs(v["joint_stiffness"]), abs(v["joint_stiffness_moment"])
-    if moment <= MAX_REST_ANGLE * stiffness:
+    if moment <= math.tau * stiffness:  # within a turn
         return ""
     angle = moment / max(stiffness, 1e-300)
     return f"a spring that rests {angle:.3g} rad from joint angle 0, over a turn"

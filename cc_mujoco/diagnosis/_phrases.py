@@ -37,7 +37,6 @@ VERDICT_MEANINGS = {
 }
 """Explanation of each verdict for a first-time reader."""
 
-
 DATA_PREFIX = "The data must be put right first"
 """Headline of a diagnosis whose data allow no conclusion, and its first words."""
 NO_SCENE_PREFIX = "scene.xml cannot be written"
@@ -287,11 +286,7 @@ def describe_mode(
     arm_by_pairs: bool = False,
     motor_angle: bool = True,
 ) -> str:
-    """Return what the instruments can and cannot show; "" of two torque sensors.
-
-    If `arm_by_pairs`, the arm at the joint is that of `[rig] angle_pairs`; `ends_held`
-    as in `Trial.ends_held`.
-    """
+    """Return what the instruments can and cannot show; "" of two torque sensors."""
     if not motor_angle:
         return _NO_MOTOR_ANGLE
     if ends_held:

@@ -96,26 +96,23 @@ class Limit:
     max_slope_ratio = 15.0
     prerequisites_min_correlation = 0.8  # of torques that differ in size only
     max_torque_factor = 1.3  # by which a scene may be off, and a unit still shows
-    # Squared error over that of the scene in another unit, from which on other values
-    # of the scene are the explanation
+    # Squared error over that in another unit, below which other values explain it
     alternative_error_ratio = 0.25
     push_share = 0.95  # of the samples in which a cable pushes; beyond, it is a sign
     off_factor = 3.0  # by which a value of the scene has to be off to be no start
     pretension_off_factor = 2.0  # The same of a pretension; a fit trusts it to 10 %
     max_cost_ratio = 0.8  # Cost, over that of a scene that the data do not contradict
     error_scale = 0.1  # Error that counts as one, over the deviation of the readings
-    # Mean squared error, over `error_scale`, up to which estimates are accepted. No
-    # estimate explains torques of the opposite sign
+    # Mean squared error, over `error_scale`, up to which estimates are accepted
     max_mean_square = 9.0
     start_values_min_samples = 50  # of thinned records; of fewer nothing is estimated
     # RMS error of a second over the noise that effect-free rigs stay below: 6.6 at
     # most. Of eleven rigs of three makes with quick, slow and restful motions
     stretch_limit = 12.0
     trial_limit = 5.0  # The same of a trial: 2.9 at most
-    # RMS error of a motor torque known by current, over the motor's fitted friction. At
-    # rest that friction takes any value from -1 to 1, so the error is 2 at most. Ten
-    # effect-free recordings, with frictions of 0.15 to 0.5 N m that build up over 1 to
-    # 20 mrad, reach 1.3 in a second and 0.9 in a trial
+    # RMS error of a motor torque known by current, over the motor's fitted friction,
+    # which takes any value from -1 to 1 at rest. Ten effect-free recordings, of 0.15 to
+    # 0.5 N m that build up over 1 to 20 mrad, reach 1.3 in a second, 0.9 in a trial
     friction_swing = 2.0
     max_idle_share = 0.1  # Torque of a cable that transmits nothing, over the simulated
     trend_false_alarm_rate = 1e-2  # over all trends that are tested
@@ -163,25 +160,21 @@ class Limit:
     # explains as much of the error as acceptance requires
     min_visible_change = 0.1
     max_prior_sigmas = 3.0  # beyond which a tuned parameter contradicts its prior
-    # Standard deviation of the joint's zero where the cable's arm depends on it [rad].
-    # On a pulley the arm is the same for every zero
+    # Deviation of the joint's zero where the arm of the cable depends on it [rad]
     zero_angle_deviation = 0.03
     unit_tolerance = 0.25  # Difference of logarithms at which a wrong unit matches
     hidden_clarity = 5.0  # Untuned change of a hidden effect, over `min_visible_change`
     max_size_ratio = 30.0  # Largest size that is reported, over its plausible size
     # Share of the RMS error beyond the floor that named effects have to take, or else
-    # the gap. In the search large errors count less, since few moments must not decide
-    # what is named; an effect that shows in few moments only closes the gap without
-    # taking that share
+    # the gap, in which large errors do not count less: an effect that shows in few
+    # moments only closes the gap without taking that share
     min_explained_share = 0.5
-    # Share of the gap between RMS errors that an effect has to close which takes less
-    # than `min_explained_share`, or stays far off
+    # Share of the gap that an effect must close which takes less, or stays far off
     min_gap_closed = 2.0 / 3.0
     # Error over the floor below which a name is a hint: rigs whose bends and friction
     # are laid out otherwise than the scene's reach that without any effect
     hint_error = 1.8
-    # Discrepancy of effects whose forms meet, a weight and a spring, over the error
-    # before the round (m)
+    # Discrepancy of effects whose forms meet, over the error before the round (m)
     meeting_form_share = 0.25
     # Names on study rigs that left more than `max_explained_error`, right ones and all
     # (`validation.md`), which count by the rule of succession, (k + 1) / (n + 2)
@@ -219,8 +212,7 @@ class Limit:
     min_reversals = 8  # Reversals from which a break-away loss is estimated
     min_excess = 0.05  # Break-away loss, over that of sliding, from which it counts
     max_lag = 0.2  # Largest lag that is fitted [s]
-    # Range of motion, over a first estimate of the play, from which samples count:
-    # before, where the joint lies within its play is not known
+    # Range of motion, over a first estimate of the play, from which samples count
     range_over_play = 3.0
 
     # Report.

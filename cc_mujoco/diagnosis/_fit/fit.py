@@ -494,16 +494,12 @@ def traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace,
 
 
 class Held(NamedTuple):
-    """Torques (2, samples) of every record without and with the added effects.
+    """Held-out torques (2, samples) of every record, predicted by the others."""
 
-    They are held out, predicted by the others; `gap` is of them. The trials of the last
-    field were never held out.
-    """
-
-    before: tuple[FloatArray, ...]
-    after: tuple[FloatArray, ...]
-    gap: dict[str, Gap]
-    never: tuple[str, ...] = ()
+    before: tuple[FloatArray, ...]  # without the added effects [N m]
+    after: tuple[FloatArray, ...]  # with them [N m]
+    gap: dict[str, Gap]  # of both, by channel
+    never: tuple[str, ...] = ()  # trials that were never held out
 
 
 class Holdout:

@@ -166,10 +166,9 @@ def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit by noise, disagreement of trials and form.
 
-    Noise makes B; a parameter about which trials disagree by a factor f of that has
-    f B_kk, known with few degrees of freedom; errors that all trials share add their
-    shifts. The freedom is over the square of that share of the variance (Satterthwaite,
-    Biometrics Bulletin 2, 1946).
+    Noise makes B; trials that disagree by a factor f of that make f B_kk, known with
+    few degrees of freedom; shared errors add their shifts. The freedom is over the
+    square of that share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)

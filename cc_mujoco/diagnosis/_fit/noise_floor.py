@@ -1,18 +1,14 @@
 """Error floor of any model: sensor noise, and that of angles sent through the rig.
 
-Where the cable runs, noise of the angles hardly matters; where its end sticks, the
-angle's last digit is worth newtons. So the floor is a number for every sample: the
-scatter of simulated torques when a likely motion is read again, and the torque sensors'
-own noise. The divisor of errors is larger: spikes of noise shift in time, and an angle
-that seems to stand still may have moved by its noise. That weights samples; the error
-of a model is compared with the error that noise makes by the same divisor.
+The floor is a number for every sample (`concepts.md`, Comparison): the scatter of
+simulated torques when a likely motion is read again, and the torque sensors' own noise.
+The divisor of errors is larger, as spikes shift in time and an angle that seems to
+stand still may have moved: it weights samples, and errors are compared with those of
+noise by the same divisor.
 
-Angles are read again as they might have been another time. The played angle lacks what
-its filters removed: movements smaller than the play that stills it. Read again, it
-would lose nothing, so the noise of a motor that goes along with a hand, of slow creep
-and of rests would seem small. And it has kept what they let pass: the ripple of digits,
-which would count twice where the angle moves. So a likely motion is read again: with
-the slow movements put back, and without ripple.
+The played angle lacks movements that its filters removed, so that the noise of slow
+creep and of rests would seem small, and has kept the ripple of digits, which would
+count twice. A likely motion has the movements back, and no ripple.
 """
 
 from __future__ import annotations

@@ -722,7 +722,7 @@ def compare_occasions(
     for since in reversed(earlier):
         for base in dict.fromkeys((*reported, *tuned)):
             name = simulation.change_name(base, since)
-            if name in tuned and not simulation.is_change(base):
+            if name in tuned and simulation.base_name(base) == base:
                 change, words = describe_change(tuned[name], estimated[name])
                 factor = tuned[name].factor
                 changes.append(OccasionChange(base, since, last, change, factor, words))

@@ -26,12 +26,7 @@ from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._phrases import (
-    NO_SCENE_PREFIX,
-    describe_mode,
-    format_estimate,
-    format_number,
-)
+from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass, shift_signal
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
@@ -140,8 +135,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
         ties=ties,
         baseline=Baseline(values, ()),
         remaining=after,
-        instruments=describe_mode(dataset.instruments),
-        problems=(f"{NO_SCENE_PREFIX}: no torque shows what is in the cables.",),
+        instruments=words.describe_mode(dataset.instruments),
+        problems=(f"{words.NO_SCENE_PREFIX}: no torque shows what is in the cables.",),
         question=_WHAT_TELLS if ties else "",
     )
 
@@ -220,14 +215,16 @@ def _statement(
     before: float,
     after: float,
 ) -> str:
-    off = f"The joint is {format_number(before)} times the noise off a rigid drive"
+    off = (
+        f"The joint is {words.format_number(before)} times the noise off a rigid drive"
+    )
     if kind == "none":
         return f"{off}: these data show neither a dead zone nor a lag."
     stands, late = sure
     seen = ("a dead zone", "dead_zone", stands), ("a lag", "lag", late)
     sizes = [(what, values[name]) for what, name, there in seen if there]
-    found = [f"{what} of {format_estimate(e, f' {e.unit}')}" for what, e in sizes]
-    left = f"{format_number(after)} times the noise is left."
+    found = [f"{what} of {words.format_estimate(e, f' {e.unit}')}" for what, e in sizes]
+    left = f"{words.format_number(after)} times the noise is left."
     if not found:
         return f"{off}, and neither a dead zone nor a lag explains it; {left}"
     text = f"{off}. It has {' and '.join(found)}; with that {left}"

@@ -442,10 +442,9 @@ def recorded(
 ) -> set[str]:
     """Return the descriptions of the motions that the data contain.
 
-    The notes of such a trial name the motion, or it has the same facts, its motor and
-    joint move as far, and its motor follows the motion, begun at any time; with the
-    cables off the joint moves half as far. Of several motions it is the one with the
-    most similar lag of the joint.
+    The notes of a trial name the motion, or it has the same facts and moves as far
+    along it, begun at any time; with the cables off the joint moves half as far. Of
+    several motions it is the one with the most similar lag of the joint.
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0

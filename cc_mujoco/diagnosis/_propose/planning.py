@@ -50,7 +50,6 @@ from cc_mujoco.report._markdown import table
 SATURATED_CLARITY = 10.0 * Limit.min_clarity
 """Clarity above which more is of no further use: noise is not the only error."""
 
-
 Owners = Sequence[tuple[str, float]]
 """Effect and plausible size, which makes the change, of every amplitude."""
 

@@ -28,7 +28,6 @@ from cc_mujoco.viz._rerun_file import recording
 TIMELINE = "trial_time"
 """Time since the start of a trial; trials share it."""
 
-
 LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
 
 
@@ -129,7 +128,12 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     about = rrb.TextDocumentView(origin="/about", name="About")
     tabs: list[rrb.Container | rrb.View] = [_trial_tab(t) for t in evidence.traces]
     if evidence.maps:
-        views = map(_map_view, drawings.ranked_maps(evidence))
+        views = []
+        for each in drawings.ranked_maps(evidence):
+            quantity = f"{words.plain_name(each.axis)} [{each.unit or '1'}]"
+            channel = words.capitalise(words.channel_name(each.channel))
+            name = f"{channel}, mean error [{words.TORQUE_UNIT}] over {quantity}"
+            views.append(rrb.BarChartView(origin=_map_path(each), name=name))
         tabs.append(rrb.Grid(*views, name="Maps of the error"))
     shown = drawings.excerpts(evidence)
     trials = [trace.trial for trace in evidence.traces]
@@ -155,13 +159,6 @@ def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
         )
     views.append(view("motion", "Angles [rad]", trace.motor_angle, trace.joint_angle))
     return rrb.Vertical(*views, name=trace.trial)
-
-
-def _map_view(each: Map) -> rrb.BarChartView:
-    quantity = f"{words.plain_name(each.axis)} [{each.unit or '1'}]"
-    channel = words.capitalise(words.channel_name(each.channel))
-    name = f"{channel}, mean error [{words.TORQUE_UNIT}] over {quantity}"
-    return rrb.BarChartView(origin=_map_path(each), name=name)
 
 
 def _map_path(each: Map, *more: str) -> str:

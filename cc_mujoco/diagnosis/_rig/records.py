@@ -1,15 +1,13 @@
 """Trials made ready for comparison: one clock, one band, a run-in that does not count.
 
 Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
-played, keep a wider band: friction answers a reversal with a corner, and a corner of
-smoothed angles is not a smoothed corner. Angles then stand still where they move by
-less than a few deviations of their noise: a cable that sticks turns the slightest
-movement of its end into tension, and noise would shake it loose.
+played, keep a wider band, as a corner of smoothed angles is no smoothed corner of
+friction. They stand still where they move by less than a few deviations of their noise,
+which would shake a cable loose that sticks.
 
 The state of the cable before a trial is unknown: a short lead-in from rest in
 pretension goes to the first sample, and samples do not count until the motor has moved
-the whole cable. Where no sensor measures the joint's torque, it follows from the motion
-of a load that `[rig]` declares: a spring, an inertia, a damper, a weight.
+the whole cable. A torque that no sensor measures may follow from a declared load.
 
 Records are replayed independently of each other, each in a thread. The key of a cached
 replay is everything that acts on the cables, so candidates, folds and derivatives share

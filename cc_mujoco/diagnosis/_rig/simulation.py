@@ -1,16 +1,10 @@
 """Simulation of the rig: baseline parameters, effects and sensor readings.
 
-Both angles of a record go in, both torques come out. The baseline holds everything a
-careful experimenter tunes before blaming physics: friction (times wrap), stiffness,
-pretension, the balance of two cables, offsets, the clocks' offset and, where the rig's
-file says they are uncertain, the pulleys.
-
-Between two occasions a rig is run in, dismantled or left in the sun. Friction,
-pretension, stiffness, offsets and clocks then differ, while the effects that the scene
-lacks are still there. The baseline is that of the last occasion. For every earlier one
-the fit has a parameter `<name>@<occasion>`: the ratio to the last occasion where the
-parameter is fitted as a logarithm, the difference from it elsewhere. So the interval of
-a change does not contain the error that both occasions have in common.
+Both angles of a record go in, both torques come out. The baseline (`concepts.md`) is
+that of the last occasion. For every earlier one the fit has a parameter
+`<name>@<occasion>`: the ratio to the last occasion where the parameter is fitted as a
+logarithm, the difference from it elsewhere. So the interval of a change does not
+contain the error that both occasions have in common.
 
 A load cell on the cable does not measure effects behind it, a known load has no sensor
 that could be off, and without an instrument of a torque none of its effects can be
@@ -46,23 +40,11 @@ from cc_mujoco.diagnosis._rig.records import (
 )
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import _effect as terms
 from cc_mujoco.diagnosis.effects._drive_effects import (
     EXIT_FORMS,
     JOINT_DELAY,
     acceleration,
-)
-from cc_mujoco.diagnosis.effects._effect import (
-    ANTAGONIST,
-    USUAL_CONDITIONS,
-    WIND_UP_BOUNDS,
-    Effect,
-    EffectParameter,
-    RigGeometry,
-    Signals,
-    TrialConditions,
-    clamp_to_bounds,
-    dry_friction,
-    form_key,
 )
 from cc_mujoco.estimation._least_squares import Tuned, in_threads
 from cc_mujoco.native import FloatArray
@@ -90,10 +72,6 @@ def change_name(name: str, occasion: str) -> str:
 def base_name(name: str) -> str:
     """Return the name of the parameter that changes; any other name as it is."""
     return name.partition("@")[0]
-
-
-def is_change(name: str) -> bool:
-    return "@" in name
 
 
 def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
@@ -160,7 +138,7 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
 
 
 class Library(NamedTuple):
-    effects: Mapping[str, Effect]  # by id, with parameters that show
+    effects: Mapping[str, terms.Effect]  # by id, with parameters that show
     hidden: Mapping[str, str]  # reason why each other effect is not detectable, by id
     declared: Mapping[str, str]  # facts that remove or bound an effect, by id
 
@@ -172,15 +150,15 @@ def available_effects(plant: SimulatedRig) -> Library:
     recorded = set.intersection(*columns) if columns else set()
     sides: dict[str, Instrument | None] = dict(plant.instruments._asdict())
 
-    def acts(parameter: EffectParameter) -> bool:
+    def acts(parameter: terms.EffectParameter) -> bool:
         for side, known in sides.items():
             if parameter.name.startswith(f"{side}_torque_"):
                 return known in _SENSOR_INSTRUMENTS[side]
         if bench.led == "open" and parameter.name in ("seal_proximal", "seal_distal"):
             return False  # which only a conduit has
-        return len(bench.cables) > 1 or ANTAGONIST not in parameter.name
+        return len(bench.cables) > 1 or terms.ANTAGONIST not in parameter.name
 
-    effects: dict[str, Effect] = {}
+    effects: dict[str, terms.Effect] = {}
     hidden: dict[str, str] = {}
     declared: dict[str, str] = {}
     # Statements by which a rig does not have an effect
@@ -227,10 +205,10 @@ def available_effects(plant: SimulatedRig) -> Library:
 
 
 def _with_parameters(
-    effect: Effect, kept: tuple[EffectParameter, ...], plant: SimulatedRig
-) -> Effect:
+    effect: terms.Effect, kept: tuple[terms.EffectParameter, ...], plant: SimulatedRig
+) -> terms.Effect:
     """Return an effect with these parameters, in the forms that the rig may have."""
-    key = form_key(effect.id)
+    key = terms.form_key(effect.id)
     forms, starts = effect.forms, effect.starts
     one_exit = len(plant.bench.cables) == 1 or "exit_angle" in plant.constants
     if forms == EXIT_FORMS and one_exit:
@@ -242,7 +220,7 @@ def _with_parameters(
     return replace(effect, parameters=kept, starts=starts, forms=forms)
 
 
-def _path_exclusion(effect: Effect, bench: Bench) -> str:
+def _path_exclusion(effect: terms.Effect, bench: Bench) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
     if bench.led and (effect.joint_arm is not None or effect.motor_arm is not None):
         return "a path that the joint moves is played with the arms of the scene"
@@ -401,7 +379,7 @@ def _motor_parameters(
 ) -> list[Tuned]:
     speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
     speed = max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
-    low, high = (math.log(each / Limit.wind_up) for each in WIND_UP_BOUNDS)
+    low, high = (math.log(each / Limit.wind_up) for each in terms.WIND_UP_BOUNDS)
     wind_up = BASELINE["motor_wind_up"], Limit.wind_up
     found = [
         Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
@@ -461,10 +439,10 @@ class SimulatedRig:
         return in_threads(lambda task: self._shown(*task, effects), tasks)
 
     @staticmethod
-    def conditions_of(record: Record, effects: Sequence[str]) -> TrialConditions:
+    def conditions_of(record: Record, effects: Sequence[str]) -> terms.TrialConditions:
         """Return the conditions of a trial; usual ones if no effect uses them."""
         by_trial = any(EFFECTS[name].by_trial for name in effects)
-        return record.conditions if by_trial else USUAL_CONDITIONS
+        return record.conditions if by_trial else terms.USUAL_CONDITIONS
 
     def slack_share(self, values: Values, effects: Sequence[str], index: int) -> float:
         """Return the share of a record's samples in which a cable is slack."""
@@ -483,7 +461,7 @@ class SimulatedRig:
         values: Values,
         effects: Sequence[str],
         pretension: float | None = None,
-        conditions: TrialConditions = USUAL_CONDITIONS,
+        conditions: terms.TrialConditions = terms.USUAL_CONDITIONS,
     ) -> Setting:
         """Return the replay setting of the cables for these values, see `cables`."""
         radii, whole = self.radii(values), {**self._absent, **values}
@@ -507,7 +485,7 @@ class SimulatedRig:
         values: Values,
         effects: Sequence[str],
         pretension: float | None = None,
-        conditions: TrialConditions = USUAL_CONDITIONS,
+        conditions: terms.TrialConditions = terms.USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
         """Return the cables, which keep their ratios, at a trial's pretension [N]."""
         first = self.bench.cables[0]
@@ -523,13 +501,13 @@ class SimulatedRig:
             stiff = stiffness * _ratio(cable.axial_stiffness, first.axial_stiffness)
             own = cable.replace(
                 friction=max(friction, 0.0),
-                axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
+                axial_stiffness=terms.clamp_to_bounds("axial_stiffness", stiff),
                 pretension=max(tension, 0.0),
                 segments=max(self.segments, self.bench.min_cable_segments),
                 static_friction=0.0,
             )
             made = (*made, own)
-        rig = RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
+        rig = terms.RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
         values = {**self._absent, **values}
         for change in (EFFECTS[name].cables for name in effects):
             if change is not None:
@@ -564,7 +542,9 @@ class SimulatedRig:
         rows = both[list(self.instruments.rows)]
         return low_pass(rows, record.band, 1.0 / record.dt)
 
-    def _torques(self, record: Record, setting: Setting, values: Values) -> Signals:
+    def _torques(
+        self, record: Record, setting: Setting, values: Values
+    ) -> terms.Signals:
         """Return both torques before any effect outside the cables.
 
         Readings were converted by declared values, relative to which tuned ones act.
@@ -583,7 +563,7 @@ class SimulatedRig:
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
             wind_up = values.get("motor_wind_up", Limit.wind_up)
-            share = dry_friction(record.motor_angle, wind_up)
+            share = terms.dry_friction(record.motor_angle, wind_up)
             motor = motor + values.get("motor_friction", 0.0) * share
             motor = motor + values.get("motor_damping", 0.0) * speed
             given = constants["torque_constant"].value
@@ -602,7 +582,7 @@ class SimulatedRig:
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.
         there = joint_angle + (setting.offset if self.bench.lever is not None else 0.0)
-        return Signals(
+        return terms.Signals(
             dt=record.dt,
             time=record.start + record.dt * np.arange(motor.size, dtype=np.float64),
             motor_angle=record.motor_angle,
@@ -660,7 +640,7 @@ def _swap_sensors(values: Values) -> dict[str, float]:
 
 
 def plausible_range(
-    parameter: EffectParameter, plant: SimulatedRig
+    parameter: terms.EffectParameter, plant: SimulatedRig
 ) -> tuple[float, float]:
     """Return the range of a parameter of an effect that is possible on a rig."""
     (low, high), records = parameter.plausible, plant.records

@@ -13,11 +13,9 @@ keeps a state: `read_channels` is right in any simulation of the scene.
 
     REALISATIONS["motor_inertia"].apply(spec, bench, {"motor_inertia": 2e-4})
 
-Every entry of the table changes a scene so that its motion and its measured torques
-show the effect. The torques of a lever do not show it. All changes are plain MJCF:
-actuators without input, hinges, tendons, springs, armature, sensors with delay. To add
-an effect, write its entry; entries are applied in the order of the table, mechanics
-before sensors.
+Every entry of the table changes a scene in plain MJCF so that its motion and, but for a
+lever, its measured torques show the effect. To add an effect, write its entry; they are
+applied in the order of the table, mechanics before sensors.
 """
 
 from __future__ import annotations

@@ -368,11 +368,7 @@ class _Sensors:
 
 
 class _Forces(_Sensors):
-    """Effect of one cable on a motor and on a lever, whose torque no sensor shows.
-
-    It consists of the tensions at its ends and of the pieces of an open path, which are
-    among MuJoCo's passive forces.
-    """
+    """Pull of a cable's ends and open pieces on motor and lever, without sensors."""
 
     def __init__(self, model: MjModel, bench: Bench) -> None:
         assert bench.lever is not None

@@ -473,12 +473,10 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, progress: Progress
 ) -> tuple[Problem, FloatArray, Spread, Held]:
-    """Return the model of the search without effects that may be absent.
+    """Return the model of the search without effects whose interval contains 0.
 
-    With it come where it was fitted to all data, the spread of that place and its
-    held-out predictions. An effect may be absent if its interval contains 0; of several
-    that can replace each other the one without which the rest explain most is dropped,
-    and all where held-out data do not support them.
+    With it come its place, spread and held-out predictions. The effect without which
+    the rest explain most goes first, and all where held-out data do not support them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]

@@ -194,7 +194,6 @@ FRICTION_EFFECTS = (
 )  # fmt: skip
 """Effects of the friction and the path of a cable, the plainest first."""
 
-
 _FITTING_COMPLIANCES = (
     *("end_compliance", "end_compliance_antagonist"),
     *("proximal_compliance", "proximal_compliance_antagonist"),

@@ -21,6 +21,7 @@ from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
 from cc_mujoco.diagnosis._fit.intervals import IMPLAUSIBLE_PREFIX, plausible_size
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Masks, Problem
+from cc_mujoco.diagnosis._fit.trials import extreme_condition
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
@@ -65,6 +66,9 @@ class Stretch(NamedTuple):
     error: float  # RMS error [N m]
     idle: bool  # whether both torques are next to nothing, though the model's are not
     rest: float  # misfit of all other samples
+    # Declared condition of which the trial is the only extreme one, where most of it is
+    # off; else ""
+    extreme: str = ""
 
     @property
     def statement(self) -> str:
@@ -80,10 +84,18 @@ class Stretch(NamedTuple):
     @property
     def question(self) -> str:
         what = "came off" if self.idle else "came off, slipped or was changed"
+        advice = (
+            "Judge the rest without these seconds: leave them out of `valid` in "
+            f"dataset.toml ([trials.{self.trial!r}])."
+        )
+        if self.extreme:
+            advice = (
+                f"Keep the trial, as no other has such a {self.extreme}; another one "
+                f"like it tells whether the {self.extreme} does that."
+            )
         return (
             f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "
-            "that failed? Judge the rest without these seconds: leave them out of "
-            f"`valid` in dataset.toml ([trials.{self.trial!r}])."
+            f"that failed? {advice}"
         )
 
 
@@ -128,6 +140,7 @@ def worst_stretch(problem: Problem, x: FloatArray, torques: Arrays) -> Stretch |
     record, shown = records[place], there[place][:, part]
     measured, floor = record.measured[:, part], problem.floor[place][row, part]
     off = (measured - shown)[row]
+    mostly = 2 * np.count_nonzero(record.counts[part]) > np.count_nonzero(record.counts)
     usual, expected = (np.median(np.abs(each), axis=1) for each in (measured, shown))
     return Stretch(
         record.trial,
@@ -140,6 +153,7 @@ def worst_stretch(problem: Problem, x: FloatArray, torques: Arrays) -> Stretch |
         _rms_ratio(
             fitting.kept_samples(rest, masks), fitting.kept_samples(noises, masks)
         ),
+        extreme_condition(problem, (record.trial,)) if mostly else "",
     )
 
 
@@ -471,7 +485,13 @@ def judge(found: Found) -> Diagnosis:
                 "effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
-    elif not (kind == "unknown" and one_time(stretch, found.by_trial)):
+    elif kind == "unknown" and one_time(stretch, found.by_trial):
+        text = (
+            "How often such a verdict is right is not known: on no study rig did "
+            "something happen once, or differ from trial to trial at random."
+        )
+        belief = VerdictOdds(math.nan, text, ())
+    else:
         belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
     question, problems = "", found.fitted.notes
     if kind == "unknown" and stretch and stretch.rest <= Limit.max_explained_error:

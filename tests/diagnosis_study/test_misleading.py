@@ -90,6 +90,25 @@ def test_cables_off_for_half_a_trial_are_unknown_with_file_time_and_size(
     assert float(said[3]) > 10.0
 
 
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_only_seconds_of_a_trial_of_its_own_pretension_are_to_be_left_out(
+    tmp_path: Path, share: float
+) -> None:
+    seed, place, sets = 78, 5, "rich"
+    trials = make_trials(sets, seed)
+    assert [t.tightness < 1.0 for t in trials] == [k == place for k in range(8)]
+    data = make_dataset(make_rig(seed), {}, sets, seed)
+    early = data[place]["time_s"] < share * data[place]["time_s"][-1] + 1e-9
+    data[place][TORQUES[0]] += np.where(early, 0.2, 0.0)
+    write_data(tmp_path / "data", list(data), facts_of(sets, seed))
+    found = infer(BENCH, [tmp_path / "data"])[0].diagnosis
+    assert found.verdict == "unknown", found.statement
+    assert "trial_05" in found.question
+    assert ("leave them out" in found.question) is (share < 1.0)
+    assert ("no other has such a pretension" in found.question) is (share == 1.0)
+    assert found.belief is not None and "is not known" in found.belief.statement
+
+
 @pytest.mark.parametrize("channel", [ANGLES[1], *TORQUES])
 def test_half_a_second_on_one_channel_is_to_be_declared(
     tmp_path: Path, channel: str

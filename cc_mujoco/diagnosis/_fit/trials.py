@@ -180,11 +180,12 @@ def find_outlier_trial(
     left, words = _best_own_constant(problem, there, own, able)
     if left > Limit.max_remaining_ratio * max(suspect.rest, 1.0):
         return None
-    extreme = _extreme_condition(problem, suspect.trials)
+    extreme = extreme_condition(problem, suspect.trials)
     return suspect._replace(tilt=tilt if turned else 0.0, own=words, extreme=extreme)
 
 
-def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
+def extreme_condition(problem: Problem, names: Sequence[str]) -> str:
+    """Return the declared condition of which trials are the only extreme, or ""."""
     records = problem.plant.records
     conditions: dict[str, list[float | None]] = {
         "pretension": [record.pretension for record in records],

@@ -273,6 +273,20 @@ def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
     assert said == "unknown" and "rial_06 transmits nothing from" in statement
 
 
+@pytest.mark.parametrize("idle", [False, True])
+@pytest.mark.parametrize("extreme", ["", "pretension", "tilt", "load"])
+def test_a_trial_that_is_the_extreme_of_a_condition_is_kept(
+    extreme: str, idle: bool
+) -> None:
+    said = Stretch(
+        "trial_05", 0.2, 8.0, "motor_torque_nm", 18.0, 0.2, idle, 1.1, extreme
+    ).question
+    assert ("leave them out" in said) is not extreme
+    assert (f"Keep the trial, as no other has such a {extreme};" in said) is bool(
+        extreme
+    )
+
+
 def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
     for name, expected in ((ALIKE[0], "unknown"), ("joint_inertia", "named")):
         found = outcome((name,), CLOSED)

@@ -49,9 +49,16 @@ def bullet_list(items: Iterable[Content], ranked: bool = False) -> Html:
 def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     """Return a table that scrolls sideways by itself where the page is narrow."""
     top = element("thead", element("tr", *(element("th", each) for each in head)))
-    lines = (element("tr", *(element("td", cell) for cell in row)) for row in rows)
+    lines = (element("tr", *map(_cell, row)) for row in rows)
     whole = element("table", top, element("tbody", *lines))
     return element("div", whole, class_="wide")
+
+
+def _cell(content: Content) -> Html:
+    """Return a cell of a table; a number with its sign or power is not broken."""
+    if re.fullmatch(r"[-\d.]+(e[-+]?\d+)?", content):
+        return element("td", content, class_="number")
+    return element("td", content)
 
 
 def inline_markdown(text: str) -> Html:

@@ -13,10 +13,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
-from cc_mujoco.report._html import page
+from cc_mujoco.metrics._metric import value_text
+from cc_mujoco.report._html import page, table
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import PAGE_FILE
 from cc_mujoco.viz import _episode_files as episode_files
@@ -251,3 +254,10 @@ def test_data_cannot_end_its_element_and_only_scripts_allow_scripts() -> None:
     assert json.loads(Elements(text).held["here"]) == "</script><p>"
     assert "script-src" in text
     assert "script-src" not in page("t", "k")
+
+
+@given(value=st.floats(allow_nan=True), words=st.text("ab -e.5", max_size=8))
+def test_a_number_in_a_table_is_not_broken(value: float, words: str) -> None:
+    number = value_text(value)
+    cells = re.findall(r"<td[^>]*>", table(["a", "b"], [[number, f"a{words}"]]))
+    assert cells == ['<td class="number">', "<td>"]

@@ -36,7 +36,7 @@ from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import body_of, pace_of, tasks_of, trajectory_of
 from cc_mujoco.human import Spring, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
+from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import ArrayLog, measure
 from cc_mujoco.metrics._metric import Key, Test

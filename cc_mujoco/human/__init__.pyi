@@ -1,4 +1,3 @@
-from ._body import Body as Body
 from ._by_text import PhaseTorque as PhaseTorque
 from ._by_text import TimeTorque as TimeTorque
 from ._by_text import read_torque as read_torque
@@ -10,6 +9,7 @@ from ._gait import assistance as assistance
 from ._motion import Motion as Motion
 from ._motion import Scripted as Scripted
 from ._motion import Trajectory as Trajectory
+from ._pace import Body as Body
 from ._pace import Pace as Pace
 from ._perturbed import Disturbed as Disturbed
 from ._perturbed import Perturbed as Perturbed

@@ -20,7 +20,7 @@ import numpy as np
 from cc_mujoco._utils import tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._gait_joints import SIDES
+from cc_mujoco.human._gait import SIDES
 from cc_mujoco.human._motion import (
     Array,
     Motion,

@@ -11,10 +11,9 @@ import numpy as np
 from cc_mujoco._validation import bounded
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
-from cc_mujoco.human._body import SCENE_WEARER, Body
-from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
+from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Array, Motion, Scripted, minimum_jerk, pointwise
-from cc_mujoco.human._pace import MEASURED_SPEED, Pace
+from cc_mujoco.human._pace import MEASURED_SPEED, SCENE_WEARER, Body, Pace
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._wearer_scaling import profile_of, tasks_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
-from cc_mujoco.human._gait import GAIT_MOMENTS
-from cc_mujoco.human._gait_joints import GaitJoint
+from cc_mujoco.human._gait import GAIT_MOMENTS, GaitJoint
 from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
 from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.metrics._registry import ANKLE

@@ -115,8 +115,8 @@ def test_registry_and_errors() -> None:
     [
         "by_text",
         "gait",
-        "gait_joints",
         "motion",
+        "pace",
         "tasks",
         "wearer",
     ],

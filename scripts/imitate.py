@@ -64,9 +64,6 @@ slower plan leaves of a tremor, too."""
 WIDTHS = 128, 128  # units of the hidden layers
 BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last round
 RATE, LAST_RATE = 1e-3, 3e-4  # rate of the optimiser in the first round and in the last
-OUTLIER = 0.3
-"""Error from which on the loss grows linearly, in standard deviations of the teacher's
-torques."""
 
 
 def structure(device: Device) -> dict[str, tuple[float, float, float]]:
@@ -272,7 +269,7 @@ class Student:
             self._optimiser.param_groups[0]["lr"] = rate
             rows = torch.randint(len(given), (batch,))
             loss = torch.nn.functional.smooth_l1_loss(
-                self._layers(given[rows]), right[rows], beta=OUTLIER
+                self._layers(given[rows]), right[rows], beta=0.3
             )
             self._optimiser.zero_grad()
             loss.backward()

@@ -40,7 +40,6 @@ from rig import make_rig
 from rig.makes import MAKES
 
 PERIOD = 0.002  # time between two readings, by default [s]
-LONGEST = 600.0  # time for which a device is played [s]
 STATE = (
     "motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad", "joint_velocity_rad_s"
 )  # fmt: skip
@@ -105,7 +104,7 @@ class Worn:
             disable_env_checker=True,
             trajectory="sine",
             task="transparent",
-            duration=LONGEST,
+            duration=600.0,  # s
         ).unwrapped
         _, self._info = self._env.reset(seed=1)
         self.period: float = self._env.drives[0].period

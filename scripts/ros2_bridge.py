@@ -28,8 +28,6 @@ from rig_end import ServedHost, UdpEnd
 from cc_mujoco.hardware import Readings, Status
 from cc_mujoco.hardware import _packet as packet
 
-INTERVAL = 0.5e-3  # time between two looks for commands [s]
-
 
 class Bridge:
     """A rig at a port, whose sensors and motor are topics."""
@@ -104,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     end = UdpEnd("127.0.0.1", given.port)
     bridge = Bridge(end, given.motor, given.joint, publish)
     node.create_subscription(JointState, given.states, state, qos_profile_sensor_data)
-    node.create_timer(INTERVAL, bridge.forward)
+    node.create_timer(0.5e-3, bridge.forward)  # s
     try:
         rclpy.spin(node)
     finally:

@@ -71,7 +71,6 @@ TERMS = {"trunk_pitch": 0.1, "speed_gain": 0.15, "foot_gain": 0.3, "push_gain": 
 SERIES = {"angles": 0.06, "torques": 10.0}
 """Series to whose first terms it adds, likewise [rad], [N m]."""
 HARMONICS = 3
-SIGNS = (np.maximum, np.minimum)
 _STATE = ("mean", "spread", "covariance", "path", "step_path", "generation")
 """Attributes of a search that its state has."""
 
@@ -215,7 +214,9 @@ def walk(
             given = data.actuator_force[body.muscles]
             torque[k] = np.sum(given**2)
             work = given * data.qvel[body.dof]
-            power[k] = metabolic_energy(*(np.sum(f(work, 0.0)) for f in SIGNS))
+            power[k] = metabolic_energy(
+                *(np.sum(f(work, 0.0)) for f in (np.maximum, np.minimum))
+            )
             alive[k] = not body.has_fallen(data)
         cost = (
             2.5 * np.sum(apart**2, axis=(1, 2))

@@ -33,7 +33,6 @@ from cc_mujoco.envs import IDS
 
 Array = NDArray[np.float32]
 
-CHEETAH = "HalfCheetah-v5"
 
 ROUNDS = 5
 """Turns that each of them takes."""
@@ -67,7 +66,9 @@ def main(
 
 def single(steps: int) -> tuple[float, float]:
     """Return the least time of a step of the wrist and of HalfCheetah [s]."""
-    made = (gymnasium.make(name).unwrapped for name in (next(iter(IDS)), CHEETAH))
+    made = (
+        gymnasium.make(name).unwrapped for name in (next(iter(IDS)), "HalfCheetah-v5")
+    )
     envs: list[Any] = list(made)
     least = [math.inf, math.inf]
     for _ in range(60 * ROUNDS):

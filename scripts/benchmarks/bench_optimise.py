@@ -31,7 +31,6 @@ from cc_mujoco.native import FloatArray as Array
 
 ENDS = {"motor_radius": "0.01:0.05", "joint_radius": "0.05:0.2", "pretension": "2:40"}
 GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
-SHARE = 20  # designs of the grid for one of the search
 
 
 def front(table: pa.Table) -> Array:
@@ -63,7 +62,7 @@ def main(
         controllers: that every design is played with.
     """
     count = levels ** len(ENDS)
-    few = count // SHARE
+    few = count // 20
     how = {"duration": duration, "controllers": list(controllers)}
     measured = [*GOALS, "slack_margin"]
     with tqdm(total=count, unit="design", **progress_options()) as bar:

@@ -35,7 +35,6 @@ EPISODE = (
 )  # fmt: skip
 """Metrics that need the episode alone."""
 
-SAMPLE = 32  # designs that `Batch` steps
 LOOPED = 2  # designs of a turn of the loop
 
 
@@ -57,7 +56,7 @@ def main(
             duration=duration, metrics=EPISODE,
         )
     )  # fmt: skip
-    count, sample = len(plan.designs), min(SAMPLE, len(plan.designs))
+    count, sample = len(plan.designs), min(32, len(plan.designs))
     turns = {
         "loop": partial(rates, LOOPED, partial(loop, plan)),
         "Batch": partial(rates, sample, physics(plan, sample)),

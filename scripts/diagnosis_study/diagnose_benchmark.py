@@ -314,11 +314,6 @@ def _strengths(records: list[Record]) -> list[str]:
     return found
 
 
-EVALUATIONS = 12
-"""Simulations with new parameters per refit; screening has found a start."""
-REFITTED = 6  # effects that are refitted: those that would explain most to first order
-
-
 class Guess(NamedTuple):
     """The name that is given to what is missing."""
 
@@ -329,7 +324,7 @@ class Guess(NamedTuple):
 
 def bic(
     baseline_fit: BaselineFit,
-    evaluations: int = EVALUATIONS,
+    evaluations: int = 12,  # with new parameters; screening has found a start
     ids: Sequence[str] = tuple(EFFECTS),
 ) -> Guess:
     """Return the effect with the lowest BIC, named if that is below the baseline's.
@@ -344,7 +339,7 @@ def bic(
     counts = [record.counts for record in problem.plant.records]
     before, baseline = _scored(problem, x)
     scores, squares = {}, {}
-    for signature in screen(problem, x, counts, ids)[:REFITTED]:
+    for signature in screen(problem, x, counts, ids)[:6]:  # that explain most
         wider = problem.with_effect(signature.id, signature.start)
         start = wider.placed(x, signature.start)
         try:

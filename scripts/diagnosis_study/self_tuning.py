@@ -153,8 +153,6 @@ class Taps:
 PERIOD = 0.001
 SECONDS, SETTLED = 20.0, 2.0
 """Length of a task, and time from which its error counts [s]."""
-WEARER = (200.0, 5.0)
-"""Stiffness [N m/rad] and damping [N m s/rad] of who leads the joint."""
 LIMITS = Limits(
     torque=10.0, torque_rate=2e4, motor_speed=60.0, joint_range=(-2.5, 2.5),
     soft_start=0.5,
@@ -184,8 +182,6 @@ VARIANTS = {
 }
 """Equipment of the controller, by its short name."""
 SEEDS = tuple(range(11, 21))
-FIGURE = "self_tuning.png"
-RESAMPLES = 10_000
 
 
 class Equipped(Controller):
@@ -280,7 +276,9 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
     """Play a task; RMS and median error [N m], and how it ended."""
     desired, swing = task(seed)
     rig = make_rig(seed, make="guides")
-    bench = BendingBench(rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=WEARER)
+    bench = BendingBench(
+        rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=(200.0, 5.0)
+    )
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
     drive = dataclasses.replace(drive, torque_noise=0.025)
     lockstep = Lockstep(bench, seed, swing)
@@ -320,7 +318,7 @@ def compared(
         return math.nan, math.nan, math.nan, math.nan, len(own)
     quotients = np.log(pairs[:, 0] / pairs[:, 1])
     random = np.random.default_rng(0)
-    drawn = random.integers(0, len(quotients), (RESAMPLES, len(quotients)))
+    drawn = random.integers(0, len(quotients), (10_000, len(quotients)))
     low, high = np.quantile(quotients[drawn].mean(axis=1), [0.025, 0.975])
     mean, between = float(pairs[:, 0].mean()), float(np.exp(quotients.mean()))
     return mean, between, math.exp(low), math.exp(high), len(own) - len(pairs)
@@ -370,7 +368,7 @@ def main(
 ) -> None:
     cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
     records = complete(out, ("variant", "world", "seed"), cases, played, summary)
-    draw(records, out / FIGURE)
+    draw(records, out / "self_tuning.png")
 
 
 if __name__ == "__main__":

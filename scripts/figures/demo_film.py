@@ -51,10 +51,7 @@ TOP = 34  # rows above the devices [pixels]
 LEFTS = (40, 296, 552)  # first columns of the devices, and of the plots below [pixels]
 PLOTS = (38, 130)  # height above the lower edge and height of the plots [pixels]
 SCALE = 216  # height of the scale of tension above the lower edge [pixels]
-FADED = 0.25  # opacity of what is still to come
 DPI = 100
-QUALITY = 72  # quality of WebP's lossy pictures, up to 100
-AIMED_AT = 40  # poses that the camera is aimed by
 
 
 class Course(NamedTuple):
@@ -86,7 +83,7 @@ def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Pictu
     """Return the device at these samples, a cable at the highest tension brightest."""
     log = take.log
     qpos = log["qpos"]
-    poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
+    poses = qpos[np.linspace(0, len(log) - 1, 40).astype(int)]  # of the camera
     with OffscreenRenderer(take.model, log.cables, highest, poses, SCENE) as stage:
         return [
             stage.picture(
@@ -135,7 +132,7 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
         axes = drawing.add_axes(
             (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
         )
-        axes.plot(one.time, one.reached, color=report.BLUE, alpha=FADED)
+        axes.plot(one.time, one.reached, color=report.BLUE, alpha=0.25)  # still to come
         axes.plot(
             one.time,
             one.desired,
@@ -182,7 +179,7 @@ def save(path: Path, film: list[Picture]) -> None:
             append_images=others,
             duration=[round(1e3 / RATE)] * len(others) + [REST],
             loop=0,
-            quality=QUALITY,
+            quality=72,  # of 100
             method=6,
             exif=mark,
         )

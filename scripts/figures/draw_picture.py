@@ -22,7 +22,6 @@ from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
 PLAYED = {"wrist": ("spring", 3.4), "exosuit": ({"hip": "swing"}, 2.42)}
 """Task, and time at which tension runs through the cables [s]."""
-OTHER = (None, 1.4)  # task and time of any other device
 
 
 def main() -> None:
@@ -30,7 +29,7 @@ def main() -> None:
     parser.add_argument("out", type=figure_path)
     parser.add_argument("--scene", default="wrist", help="device: name or file")
     options = parser.parse_args()
-    task, seconds = PLAYED.get(options.scene, OTHER)
+    task, seconds = PLAYED.get(options.scene, (None, 1.4))  # of others
     law = "pi_tuned" if options.scene in PLAYED else "none"
     env = gymnasium.make("cc_mujoco/Device-v1", device=options.scene, duration=seconds)
     log = simulate(options.scene, law, task=task, duration=seconds)

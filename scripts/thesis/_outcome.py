@@ -23,7 +23,6 @@ Verdict = Literal["agrees", "better", "in part", "disagrees", "cannot", "misprin
 Progress = Callable[[float], None]  # takes the share of the work that is done, 0 to 1
 
 CLAIM_FILE = Path(__file__).with_name("claims.csv")
-POINTS = 1000  # points of a curve that are drawn and kept; longer ones are thinned
 
 
 class Finding(NamedTuple):
@@ -144,4 +143,4 @@ def write_data(path: Path, panels: Sequence[Panel]) -> None:
 
 def _thinned(values: ArrayLike) -> np.ndarray:
     every = np.asarray(values)
-    return every[:: max(1, every.size // POINTS)]
+    return every[:: max(1, every.size // 1000)]  # to about 1000 points

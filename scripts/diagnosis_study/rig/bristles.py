@@ -26,8 +26,6 @@ from rig import engine
 from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, MOTOR_SPEED, SLIP
 from rig.nominal import Rig
 
-BUMPS = 5  # number of places per cable at which the liner may be damaged
-
 
 class Plant(NamedTuple):
     """All constants of the equations of motion; SI and radians."""
@@ -73,7 +71,8 @@ class Plant(NamedTuple):
     heating_time: float = 12.0
     bumps: float = 0.0  # excess of friction where the liner is damaged, relative
     bump_width: float = 0.004
-    bump_places: FloatMatrix = np.zeros((2, BUMPS))
+    # Places per cable where the liner may be damaged.
+    bump_places: FloatMatrix = np.zeros((2, 5))
 
     # --- elasticity and geometry ------------------------------------------------
     pretension_loss: float = 0.0

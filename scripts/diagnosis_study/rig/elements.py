@@ -32,9 +32,6 @@ from rig.nominal import Rig
 
 ELEMENTS = 40  # elements per cable, with a node between two
 FINER = 0.7  # length per node at the ends over the mean length per node
-SWAY = 0.25
-"""Largest relative amplitude of the curvature of a conduit about its mean: one and a
-half waves along it, at random phase."""
 
 
 class Plant(NamedTuple):
@@ -151,7 +148,7 @@ def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
 
 def _swaying(border: FloatArray, random: Generator) -> FloatArray:
     phase = random.uniform(-math.pi, math.pi)
-    size = SWAY * random.uniform(0.3, 1.0)
+    size = 0.25 * random.uniform(0.3, 1.0)  # over the mean curvature
     turn = 3.0 * math.pi
 
     def till(s: FloatArray) -> FloatArray:
@@ -179,9 +176,6 @@ def _lived_with(random: Generator) -> dict[str, float]:
 ELASTIC = 0.6
 _ENOUGH = 1e-7
 _ITERATIONS = 60
-_HALVINGS = 8
-"""Largest number of times that a step is halved when Newton's method fails."""
-_LAG = 4e-3  # time constant of the filtered speed on which friction depends [s]
 
 
 class _Row(NamedTuple):
@@ -409,7 +403,7 @@ def step(
             done = till
             continue
         halved += 1
-        if halved > _HALVINGS:
+        if halved > 8:
             return 0.0, 0.0, False
         part *= 0.5
     return cables.tension[c, 0], cables.tension[c, cables.place.shape[1]], True
@@ -452,7 +446,7 @@ def _advanced(
         if turn > 6:
             part = 0.5 if now > 0.7 * worst else min(1.0, 1.5 * part)
         worst = now
-    mix = dt / (_LAG + dt)
+    mix = dt / (4e-3 + dt)  # friction follows speed with a lag of 4 ms
     for i in range(inner):
         moved = place[i] - old[i]
         cables.speed[c, i] = moved / dt

@@ -33,7 +33,6 @@ from rig.engine import (
 from rig.nominal import Rig
 
 GUIDES = 36  # guide rings per cable, which bend it between straight pieces
-UNEVEN = 0.15  # largest relative deviation of bends and pieces from their mean
 
 
 class Plant(NamedTuple):
@@ -119,7 +118,7 @@ def plant_of(rig: Rig) -> Plant:
     random = np.random.default_rng([rig.seed, 0x6D1])
 
     def drawn(count: int, whole: float) -> FloatArray:
-        parts = 1.0 + UNEVEN * random.uniform(-1.0, 1.0, (2, count))
+        parts = 1.0 + 0.15 * random.uniform(-1.0, 1.0, (2, count))
         return np.asarray(whole * parts / parts.sum(axis=1, keepdims=True))
 
     # The first and the last guide are half a piece from the ends.
@@ -139,9 +138,6 @@ SOFT = np.array([0.5, 1.0, 2.0])
 """Travel of each contact up to sliding, over `Plant.yield_travel`."""
 _ENOUGH = 1e-6
 _ITERATIONS = 60
-_BEARABLE = 1e-3
-"""Residual over the reference tension above which Newton's method has failed."""
-_CREEPS = 2000
 _SOFTEST, _HARDEST = 1.0, 1e12
 """Bounds of the damper in pseudo-transient continuation [N/m]."""
 
@@ -307,7 +303,7 @@ def _crept(
     copy(row.before, place)
     damper = _SOFTEST
     worst, stretched = _balance(p, cables, c, place, ends, dt)
-    for _ in range(_CREEPS):
+    for _ in range(2000):  # creeps
         if worst < _ENOUGH * p.reference_tension or damper > _HARDEST:
             break
         size = _squares(left)
@@ -367,7 +363,7 @@ def settle(
         smallest = min(smallest, worst)
         for i in range(guides):
             place[i] += part * row.left[i]
-    if not worst < _BEARABLE * p.reference_tension:
+    if not worst < 1e-3 * p.reference_tension:  # it has failed
         stretched = _crept(p, cables, c, ends, dt)
     if p.anchor != 0.0:
         cables.stretch[c] = stretched

@@ -27,8 +27,6 @@ from rig.sensors import SAMPLE_RATE, sampled
 
 RESPONSES = ("motor_torque", "joint_angle", "joint_torque")
 """Channels over which the strength is computed."""
-_TOLERANCE = 0.05
-_ATTEMPTS = 6
 
 LOOKED_AT = {
     "rich": (0, 2, 3, 5, 6),
@@ -163,12 +161,12 @@ def calibrate(
     hidden = MAKES[rig.make].effects[effect]
     limit, x = hidden.limit, math.log(hidden.typical)
     last: tuple[float, float] | None = None
-    for _ in range(_ATTEMPTS):
+    for _ in range(6):
         reached = measure(rig, {effect: math.exp(x)}, trials, seed).refit
         y = math.log(max(reached, 1e-6))
         missing = math.log(strength) - y
         at_limit = x >= math.log(limit) and missing > 0
-        if abs(missing) < _TOLERANCE or at_limit:
+        if abs(missing) < 0.05 or at_limit:
             break
         slope = 1.0 if last is None or last[0] == x else (y - last[1]) / (x - last[0])
         last = (x, y)

@@ -43,7 +43,6 @@ CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS, pretension
 NODES = (0, 2, 5, 8, 10)
 DEVIATION = np.array([2.0, 1.0, 0.5, 1.5, 0.0])
 """Noise of the statistics [N]; none in the last sensor, to show what the bound does."""
-RATE_STEP_VARIANCE = 1e-4  # variance of the steps of the tension's rate [N^2/sample^2]
 LENGTHS = (250, 500, 1000, 2000, 4000, 8000)
 RUNS = 100
 SETTLING_SAMPLES = 50
@@ -69,9 +68,8 @@ def statistics(
     model = trend_model(factor)
     found = np.empty((3, len(lengths), runs, factor.size))
     for run_ in range(runs):
-        step = np.sqrt(RATE_STEP_VARIANCE) * random.normal(
-            size=max(lengths) + SETTLING_SAMPLES
-        )
+        # Variance of the steps of the rate of the tension [N^2/sample^2].
+        step = np.sqrt(1e-4) * random.normal(size=max(lengths) + SETTLING_SAMPLES)
         rate = np.cumsum(step) - step
         tension = 50.0 + np.cumsum(rate + 0.5 * step)
         noise = DEVIATION * random.normal(size=(tension.size, factor.size))

@@ -26,7 +26,6 @@ from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 """Cable of Table 2.2, but with friction of a moderate cable; pretension 10 N."""
-STATIC_FRICTION = 0.3  # static coefficient, three times the kinetic one as in Table 2.2
 SLIP_MEMORY = 1e-3
 """Slip over which friction falls from static to kinetic, where that is modelled [m]."""
 SEGMENTS = (5, 10, 20, 40)
@@ -105,7 +104,7 @@ def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
     rows = []
     for n in segments:
         plain = CABLE.replace(segments=n)
-        rule = plain.replace(static_friction=STATIC_FRICTION)
+        rule = plain.replace(static_friction=0.3)  # 3 mu_d as in Table 2.2
         slow = rule.replace(critical_slip_distance=SLIP_MEMORY)
         ours = [
             replay(cable, DT, u_proximal=pull, u_distal=still).tension_proximal

@@ -25,7 +25,6 @@ CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
 OUTPUT_TENSION = 20.0  # output tension of Figs. 3.4 and 3.5 [N]
 NOISE_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2)
 """Noise, a standard deviation in shares of the output tension."""
-SIMULATIONS = 10_000
 DT = 0.005
 NOISE = 2.0  # noise of every sensor in Figs. 3.4 and 3.6 [N]
 LAGS = 20
@@ -47,7 +46,7 @@ class Grid(NamedTuple):
     expected: FloatArray  # of the sample mean, by theory
 
 
-def error_grid(simulations: int = SIMULATIONS, seed: int = 35) -> Grid:
+def error_grid(simulations: int = 10_000, seed: int = 35) -> Grid:
     """Simulate Fig. 3.5: sensors at random nodes, equally often for each number."""
     random = np.random.default_rng(seed)
     _, gain, truth = pulled_state(CABLE)

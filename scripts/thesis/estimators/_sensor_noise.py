@@ -158,9 +158,6 @@ def difference_variance(readings: ArrayLike) -> FloatArray:
     return 0.5 * np.mean(change**2, axis=0)
 
 
-REWEIGHTINGS = 5  # times that the weights are renewed
-
-
 class SensorNoise:
     """Standard deviation of every sensor, followed while the cable runs.
 
@@ -222,7 +219,7 @@ class SensorNoise:
         if self.learnt < 10.0 * stated.size:
             return stated
         variance = np.full(stated.size, float(np.mean(stated**2)))
-        for _ in range(REWEIGHTINGS):
+        for _ in range(5):  # the weights are renewed
             variance = self._fit(variance)
         return np.sqrt(variance)
 

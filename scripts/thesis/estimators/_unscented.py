@@ -47,9 +47,6 @@ from cc_mujoco.cable._conduit import Replay, node_lengths, replay
 from cc_mujoco.estimation._tracks import EstimateTrack, wrap_angles
 from cc_mujoco.native import FloatArray
 
-_BETA = 2.0
-"""Weight of the fourth moment, for a normal distribution (Wan and van der Merwe)."""
-
 
 def square_root(covariance: FloatArray) -> FloatArray:
     """Return A with A A' = covariance, also if rounding left it slightly indefinite."""
@@ -83,7 +80,8 @@ class Linearization(NamedTuple):
 def linearize(points: FloatArray, values: FloatArray) -> Linearization:
     """Linearize a function statistically by its values (2 p + 1, k) at sigma points."""
     size = points.shape[1]
-    weight = np.concatenate([[_BETA], np.full(2 * size, 0.5 / size)])
+    # For a normal distribution.
+    weight = np.concatenate([[2.0], np.full(2 * size, 0.5 / size)])
     mean, middle = np.mean(points[1:], axis=0), np.mean(values[1:], axis=0)
     shift, change = points - mean, values - middle
     cross = (weight * change.T) @ shift

@@ -33,8 +33,6 @@ MAX_RELATIVE_ERROR = 0.05  # largest relative error of an answer that counts as 
 _CYCLES, _HALF_CYCLE_SAMPLES = 30, 50
 """Cycles until the state repeats, and samples of half a cycle."""
 _ROUNDING = 1e-3
-_REPEAT_TOLERANCE = 1e-5
-"""Difference of tension with which a cycle counts as repeated [N]."""
 
 
 class Capability(NamedTuple):
@@ -176,7 +174,7 @@ def _relative_loss(answer: Answer, proximal: FloatArray, period: int) -> float:
     """Return the work lost in the last period, relative to that of the motor."""
     last = slice(-period - 1, None)
     for tension in (answer.tension_proximal, answer.tension_distal):
-        if abs(tension[-1] - tension[-period - 1]) > _REPEAT_TOLERANCE:
+        if abs(tension[-1] - tension[-period - 1]) > 1e-5:  # N
             return math.inf
     pulled, drawn = -np.diff(proximal[last]), np.diff(answer.u_distal[last])
     near, far = answer.tension_proximal[last], answer.tension_distal[last]

@@ -26,6 +26,7 @@ from ._scripted import Reach as Reach
 from ._scripted import Reversals as Reversals
 from ._scripted import Sine as Sine
 from ._scripted import Sweep as Sweep
+from ._scripted import Walk as Walk
 from ._tasks import TASKS as TASKS
 from ._tasks import Assist as Assist
 from ._tasks import Hold as Hold
@@ -38,7 +39,6 @@ from ._tasks import Task as Task
 from ._tasks import Transparent as Transparent
 from ._tasks import Tunnel as Tunnel
 from ._tasks import scale_task as scale_task
-from ._walking import Walk as Walk
 from ._walking_policy import WalkingController as WalkingController
 from ._walking_policy import WalkingPolicy as WalkingPolicy
 from ._wearer import ActuatorGains as ActuatorGains

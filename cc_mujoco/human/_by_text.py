@@ -41,9 +41,8 @@ from cc_mujoco.human._motion import Array, Motion, Trajectory
 from cc_mujoco.human._pace import Real
 from cc_mujoco.human._perturbed import Disturbed
 from cc_mujoco.human._recorded import Recorded, match_joints, no_column, read_trajectory
-from cc_mujoco.human._scripted import TRAJECTORIES
+from cc_mujoco.human._scripted import TRAJECTORIES, Walk
 from cc_mujoco.human._tasks import TASKS, Task
-from cc_mujoco.human._walking import Walk
 
 Entry = TypeVar("Entry")
 

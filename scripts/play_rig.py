@@ -20,7 +20,6 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import gymnasium
@@ -198,10 +197,6 @@ def ends_of(axes: Sequence[hardware.Settings]) -> list[Any]:
     return found
 
 
-def _ended(number: int, _: FrameType | None) -> None:
-    raise SystemExit(0)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=5005)
@@ -235,7 +230,7 @@ def main() -> None:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _ended)
+        signal.signal(number, lambda *_: sys.exit(0))
     with contextlib.ExitStack() as closing:
         for end in ends:
             closing.enter_context(contextlib.closing(end))

@@ -31,13 +31,6 @@ OCCASIONS = {
 """Files of each occasion, and of its trials those that are held out."""
 
 
-def toml_of(held_out: str, names: list[str]) -> str:
-    """Return the rig's file, with the tables of other trials than its own."""
-    head = TOML.read_text(encoding="utf-8").partition("\n[trials")[0]
-    tests = [Path(name).stem for name in names if re.search(held_out, name)]
-    return head + "".join(f'\n[trials."{t}"]\nsplit = "test"\n' for t in tests)
-
-
 def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Diagnosis, float]:
     pattern, held_out = OCCASIONS[occasion]
     files = sorted(f for f in folder.iterdir() if re.fullmatch(pattern, f.name))
@@ -45,7 +38,11 @@ def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Diagnosis, float
         raise SystemExit(f"{folder} holds no trial of {occasion} ({pattern}).")
     rig = work / f"{occasion}.toml"
     rig.parent.mkdir(parents=True, exist_ok=True)
-    rig.write_text(toml_of(held_out, [f.name for f in files]), encoding="utf-8")
+    # The rig's file, with the tables of other trials than its own.
+    head = TOML.read_text(encoding="utf-8").partition("\n[trials")[0]
+    tests = [f.stem for f in files if re.search(held_out, f.name)]
+    known = [f'\n[trials."{test}"]\nsplit = "test"\n' for test in tests]
+    rig.write_text(head + "".join(known), encoding="utf-8")
     begin = time.process_time()
     result, _ = infer(Bench.of(scene_path("bench")), files, dataset_toml=rig)
     return result.diagnosis, time.process_time() - begin

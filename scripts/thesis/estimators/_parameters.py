@@ -351,17 +351,15 @@ class StiffnessEstimator:
         pulled = -float(u_proximal)
         moment = float(self._share @ measured[self._used])
         if front > 0 and self._count > 0:
-            self._learn(pulled - self._mean_pull, moment - self._moment)
+            # One contrast with the mean of the spell so far.
+            apart, more = pulled - self._mean_pull, moment - self._moment
+            variance = self._variance * (1.0 + 1.0 / self._count)
+            information = np.array([[apart**2 / variance]])
+            self._fit.update(information, np.array([apart * more / variance]))
         self._count += 1
         self._mean_pull += (pulled - self._mean_pull) / self._count
         self._moment += (moment - self._moment) / self._count
         return self.stiffness
-
-    def _learn(self, pulled: float, moment: float) -> None:
-        """Take one contrast with the mean of the spell so far."""
-        variance = self._variance * (1.0 + 1.0 / self._count)
-        information: FloatArray = np.array([[pulled**2 / variance]])
-        self._fit.update(information, np.array([pulled * moment / variance]))
 
     def over(
         self, u_proximal: ArrayLike, reading: ArrayLike, direction: ArrayLike

@@ -590,6 +590,11 @@ class Cable:
         Raises:
             CableError: an unknown key, or a value that is not allowed.
         """
+
+        def refused(key: str, allowed: str) -> CableError:
+            text = config[key]
+            return CableError(f"{where}: key `{key}` is {text!r}; it must be {allowed}")
+
         for key in config:
             if key not in KEYS:
                 matches = difflib.get_close_matches(key, KEYS, n=1)
@@ -600,27 +605,21 @@ class Cable:
         values: dict[str, object] = {}
         for p in PARAMETERS:
             if p.name in config:
-                text = config[p.name]
-                number = _parse_decimal(text)
+                number = _parse_decimal(config[p.name])
                 if number is None or not p.admits(number):
-                    raise CableError(
-                        f"{where}: key `{p.name}` is {text!r}; it must be {p.allowed}"
-                    )
+                    raise refused(p.name, p.allowed)
                 values[p.name] = number
         if "segments" in config:
-            text = config["segments"]
-            digits = text.strip(" \t\n\v\f\r")  # blanks in MJCF
+            digits = config["segments"].strip(" \t\n\v\f\r")  # blanks in MJCF
             if not (digits.isascii() and digits.isdigit()):
-                raise CableError(
-                    f"{where}: key `segments` is {text!r}; it must be "
-                    f"{ALLOWED['segments']}"
-                )
+                raise refused("segments", ALLOWED["segments"])
             values["segments"] = int(digits)
-        if "conduit" in config:
-            values["conduit"] = _parse_sections(config["conduit"], where)
         values |= {name: config[name] for name in _TEXTS if name in config}
-        if "guides" in config:
-            values["guides"] = _parse_guides(config["guides"], where)
+        for key, parse in (("conduit", _parse_sections), ("guides", _parse_guides)):
+            if key in config:
+                values[key] = parse(config[key])
+                if values[key] is None:
+                    raise refused(key, ALLOWED[key])
         try:
             return cls(**values)  # type: ignore[arg-type]
         except CableError as error:
@@ -693,29 +692,25 @@ def _parse_decimal(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
+def _parse_sections(text: str) -> tuple[Section, ...] | None:
     sections = []
     for word in text.split() or [""]:
         length, _, radius = word.partition(":")
         number = _parse_decimal(length)
         bend = math.inf if radius == "inf" else _parse_decimal(radius)
         if number is None or bend is None:
-            raise CableError(
-                f"{where}: key `conduit` is {text!r}; it must be {ALLOWED['conduit']}"
-            )
+            return None
         sections.append(Section(number, bend))
     return tuple(sections)
 
 
-def _parse_guides(text: str, where: str) -> tuple[Guide, ...]:
+def _parse_guides(text: str) -> tuple[Guide, ...] | None:
     guides = []
     for word in text.split():
         name, _, value = word.rpartition(":")
         radius = ROLLER if value == ROLLER else _parse_decimal(value)
         if not name or radius is None:
-            raise CableError(
-                f"{where}: key `guides` is {text!r}; it must be {ALLOWED['guides']}"
-            )
+            return None
         guides.append(Guide(name, radius))
     return tuple(guides)
 

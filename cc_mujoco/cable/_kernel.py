@@ -119,9 +119,7 @@ def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) 
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
     if prm[PLACE.bristle_length] > 0.0:
-        before_slip = at.slips(state, n)
-        for j in range(n):
-            slipped[j] = before_slip[j]
+        slipped[:] = at.slips(state, n)
         held = at.row(work, n, at.HELD)
         if preslide(
             n, chain, growth, growth_proximal, held, at.row(work, n, at.SPRING), shift,

@@ -337,8 +337,7 @@ def lengthen(
     `shape` is the path now, `reference` that in the pose `qpos0`, which counts where
     the `memory` of the state is 0, after a reset.
     """
-    for i in range(n + 1):
-        gained[i] = 0.0
+    gained[:] = 0.0
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
     total, left = _row(shape, n, _TOTAL), _row(shape, n, _LENGTH_BEFORE)
     for j in range(n + 1):
@@ -373,14 +372,9 @@ def store_conduit(
 
     `inside` are its packed parameters, of as many segments as `guided`.
     """
-    angle, contact = angles(reference, n), contacts(reference, n)
-    length, own_length = lengths(reference, n), at.node_length(inside, guided)
-    own_angle = at.segment_angles(inside, guided)
-    own_contact = at.contact_length(inside, guided)
-    for j in range(guided):
-        angle[j], contact[j] = own_angle[j], own_contact[j]
-    for i in range(guided + 1):
-        length[i] = own_length[i]
+    angles(reference, n)[:guided] = at.segment_angles(inside, guided)
+    contacts(reference, n)[:guided] = at.contact_length(inside, guided)
+    lengths(reference, n)[: guided + 1] = at.node_length(inside, guided)
 
 
 @compiled
@@ -392,15 +386,12 @@ def pack_reference(
     `values` are in the order of `PARAMETERS`, `guided` is as in `measure`, and
     `reference` the path in that pose, that of the conduit included.
     """
-    angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
-    own_angle, own_contact = angles(reference, n), contacts(reference, n)
-    length, own_length = at.node_length(prm, n), lengths(reference, n)
-    for j in range(n):
-        angle[j], contact[j] = own_angle[j], own_contact[j]
-    whole = 0.0
+    at.segment_angles(prm, n)[:] = angles(reference, n)
+    at.contact_length(prm, n)[:] = contacts(reference, n)
+    length, whole = at.node_length(prm, n), 0.0
+    length[:] = lengths(reference, n)
     for i in range(n + 1):
-        length[i] = own_length[i]
-        whole += own_length[i]
+        whole += length[i]
     prm[at.LENGTH] = whole
     prm[at.GUIDED] = float(guided)
     pack.pack_mesh(values, n, prm)

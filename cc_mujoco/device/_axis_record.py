@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, IntArray, internal
-from cc_mujoco.plugin._ffi import floats, reinterpret, words
-from cc_mujoco.plugin._mj_struct import MjData
+from cc_mujoco.plugin._ffi import MjData, floats, reinterpret, words
 
 MIN_LEVERAGE = 0.1
 """Least leverage that is reported; with less the cable hardly turns the joint."""

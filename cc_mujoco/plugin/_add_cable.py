@@ -30,7 +30,7 @@ from typing import Any, TypeAlias
 import mujoco
 import numpy as np
 
-from cc_mujoco.cable._cable import KEYS, Cable, Section
+from cc_mujoco.cable._cable import Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _spec as specs
@@ -49,7 +49,6 @@ Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[f
 ROTOR_INERTIA, ROTOR_DAMPING, MOTOR_MASS = 5e-3, 1e-2, 0.5
 """Inertia about its drum [kg m^2], damping [N m s/rad] and mass [kg] of a new motor."""
 
-_ALLOWED_KEYS = [k for k in KEYS if k not in ("route", "path", "mouth", "conduit")]
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
@@ -158,9 +157,7 @@ def add_cable(
         raise CableError(
             f"cable {name!r} exists already; give the new one another name."
         )
-    for key in parameters:
-        if key not in _ALLOWED_KEYS:
-            raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
+    specs.require_parameters(parameters, ("route", "path", "mouth", "conduit"))
     winch = {
         "torque_limit": torque_limit, "rotor_inertia": rotor_inertia,
         "rotor_damping": rotor_damping, "motor_mass": motor_mass,

@@ -14,8 +14,7 @@ from mujoco import mjtBias, mjtEq, mjtGain, mjtJoint, mjtSleepPolicy, mjtTrn, mj
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._mj_struct import MjModel
+from cc_mujoco.plugin._ffi import MjModel
 
 _REST_TOLERANCE = 1e-9
 NO_LENGTH = (
@@ -83,7 +82,7 @@ def blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -
 
 @internal
 def _blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
-    name = mj_struct.name(model, model.name_actuatoradr[actuator])
+    name = ffi.name(model, model.name_actuatoradr[actuator])
     ffi.append_label(message, name, actuator)
     ffi.append(message, why)
 
@@ -182,8 +181,8 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
 def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
     carried = model.jnt_bodyid[joint]
     inside, outside = 0, 0
-    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
-        body = mj_struct.wrap_body(model, i)
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
+        body = ffi.wrap_body(model, i)
         if body < 0:
             continue
         while body > carried:  # parents come before their children
@@ -225,8 +224,8 @@ def _element_has_affixes(
 def _wrap_name(model: MjModel, place: int) -> ffi.Bytes:
     thing = model.wrap_objid[place]
     if model.wrap_type[place] == mjtWrap.mjWRAP_SITE:
-        return mj_struct.name(model, model.name_siteadr[thing])
-    return mj_struct.name(model, model.name_geomadr[thing])
+        return ffi.name(model, model.name_siteadr[thing])
+    return ffi.name(model, model.name_geomadr[thing])
 
 
 @internal
@@ -234,15 +233,15 @@ def _all_have_affixes(
     model: MjModel, instance: int, tendon: int, prefix: int, suffix: int
 ) -> bool:
     """Return whether all elements of an instance and a tendon bear an affix too."""
-    name = mj_struct.name(model, model.name_pluginadr[instance])
+    name = ffi.name(model, model.name_pluginadr[instance])
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
         if actuator >= 0:
-            label = mj_struct.name(model, model.name_actuatoradr[actuator])
+            label = ffi.name(model, model.name_actuatoradr[actuator])
             if not _element_has_affixes(label, name, prefix, suffix):
                 return False
-    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
-        if mj_struct.wrap_body(model, i) >= 0:
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
+        if ffi.wrap_body(model, i) >= 0:
             label = _wrap_name(model, i)
             if not _element_has_affixes(label, name, prefix, suffix):
                 return False
@@ -259,13 +258,13 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
     `left_flexor` with `route` = `path` means tendon `left_path`, if there is one, else
     `path`. The longest counts; but a tendon of the instance's own name is its own.
     """
-    name = mj_struct.name(model, model.name_pluginadr[instance])
+    name = ffi.name(model, model.name_pluginadr[instance])
     namesake = config.equal_text(route, name)
     best, longest = -1, -1
     for tendon in range(model.ntendon):
         if not is_spatial(model, tendon):
             continue
-        candidate = mj_struct.name(model, model.name_tendonadr[tendon])
+        candidate = ffi.name(model, model.name_tendonadr[tendon])
         if namesake and config.equal_text(candidate, name):
             return tendon
         extra = candidate.size - route.size
@@ -285,10 +284,10 @@ def _is_named(
     model: MjModel, instance: int, tendon: int, place: int, wanted: ffi.Bytes
 ) -> bool:
     """Return whether a place of a route is `wanted`, with the tendon's affixes."""
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     route = config.key_text(attributes, config.KEY.route)
-    name = mj_struct.name(model, model.name_pluginadr[instance])
-    own = mj_struct.name(model, model.name_tendonadr[tendon])
+    name = ffi.name(model, model.name_pluginadr[instance])
+    own = ffi.name(model, model.name_tendonadr[tendon])
     candidate, extra = _wrap_name(model, place), own.size - route.size
     for prefix in range(extra + 1):
         if _has_affixes(own, route, name, prefix, extra - prefix) and _has_affixes(
@@ -301,7 +300,7 @@ def _is_named(
 @internal
 def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
     """Return the place of the mouth site inside an instance's route, or -1."""
-    mouth = config.key_text(mj_struct.attributes(model, instance), config.KEY.mouth)
+    mouth = config.key_text(ffi.attributes(model, instance), config.KEY.mouth)
     start = model.tendon_adr[tendon]
     for i in range(1, model.tendon_num[tendon] - 1):
         is_site = model.wrap_type[start + i] == mjtWrap.mjWRAP_SITE
@@ -321,7 +320,7 @@ def read_guides(
     [m]. Every name must be one of a site, or of a geom that is a roller.
     """
     out[:] = 0.0
-    written = config.key_text(mj_struct.attributes(model, instance), config.KEY.guides)
+    written = config.key_text(ffi.attributes(model, instance), config.KEY.guides)
     first = max(mouth, 1)
     start = model.tendon_adr[tendon] + first
     begin, colon, end = config.next_guide(written, 0)
@@ -453,8 +452,8 @@ def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
 def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
     """Keep all trees awake that hold a tendon from a place of its path on."""
     found, start = -1, model.tendon_adr[tendon] + begin
-    for i in range(start, mj_struct.path_end(model, tendon)):
-        body = mj_struct.wrap_body(model, i)
+    for i in range(start, ffi.path_end(model, tendon)):
+        body = ffi.wrap_body(model, i)
         if body >= 0:
             found = max(found, _keep_tree_awake(model, body))
     return found
@@ -480,7 +479,7 @@ def explain_sleep(message: ffi.Message, model: MjModel, body: int) -> None:
     if body < 0:
         return
     ffi.append(message, "body ")
-    ffi.append_label(message, mj_struct.name(model, model.name_bodyadr[body]), body)
+    ffi.append_label(message, ffi.name(model, model.name_bodyadr[body]), body)
     ffi.append(
         message,
         " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
@@ -553,12 +552,12 @@ def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool
 @internal
 def ends_swapped(model: MjModel, instance: int) -> bool:
     _, first, second = find_actuators(model, instance)
-    written = config.key_text(mj_struct.attributes(model, instance), config.KEY.route)
+    written = config.key_text(ffi.attributes(model, instance), config.KEY.route)
     route = find_route(model, instance, written) if written.size > 0 else -1
     joint, other = holding_joint(model, first), holding_joint(model, second)
     if route < 0 or joint < 0 or other < 0:
         return False
-    start, last = model.tendon_adr[route], mj_struct.path_end(model, route) - 1
+    start, last = model.tendon_adr[route], ffi.path_end(model, route) - 1
     if _site_near_joint(model, joint, start) or _site_near_joint(model, other, last):
         return False
     return _site_near_joint(model, joint, last) and _site_near_joint(

@@ -46,12 +46,11 @@ from cc_mujoco.plugin import _guides as guides
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin import _warnings as messages
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
 
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
@@ -64,7 +63,7 @@ def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
     Return the key that is to blame or `VALID_CONFIGURATION`, where the message says why
     if it has grown.
     """
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
     key, _ = config.read(attributes, values, sections)
@@ -98,8 +97,8 @@ def _is_refused(model: MjModel, instance: int) -> bool:
     message = messages.begin_message(room.ctypes.data, model, instance)
     start = message.used
     attachments.explain(message, model, instance)
-    attributes = mj_struct.attributes(model, instance)
-    if not mj_struct.has_timestep(model):
+    attributes = ffi.attributes(model, instance)
+    if not ffi.has_timestep(model):
         message.used = start
         ffi.append(message, messages.NO_TIMESTEP)
     if message.used == start:
@@ -122,7 +121,7 @@ def _is_refused(model: MjModel, instance: int) -> bool:
 @ffi.callback
 def route(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     """Return the spatial tendon that is the route of the instance, or -1."""
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     written = config.key_text(attributes, config.KEY.route)
     return attachments.find_route(model, instance, written)
 
@@ -152,7 +151,7 @@ def _usable_block(model: MjModel, data: MjData, instance: int) -> Block:
 def wrap(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
     block = _usable_block(model, data, instance)
     if block != 0:
-        follow(block, model, data, mj_struct.state(model, data, instance))
+        follow(block, model, data, ffi.state(model, data, instance))
         n = block.segments
         prm = blocks.parameters(block)
         ffi.floats(out, n)[:] = kernel.segment_angles(prm, n)
@@ -167,7 +166,7 @@ def compliance(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> No
     if blocks.is_open(block) and block.reference_known == 0:
         set_reference(block, model, data)
     n, prm = block.segments, blocks.parameters(block)
-    at_state = mj_struct.state(model, data, instance)
+    at_state = ffi.state(model, data, instance)
     state = blocks.kernel_state(at_state, n)
     ffi.mark_stack(data)
     if blocks.is_open(block):
@@ -243,12 +242,12 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
     `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
     is given, an implicit end looks ahead by that.
     """
-    idle = mj_struct.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
+    idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     if idle or messages.has_no_passive(model):
         return
     if not evaluating.update_parameters(block, model, instance):
         return
-    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
+    lead = blocks.block_at(data, ffi.first_cable(model, instance))
     state, dt = evaluating.origin(block, model, data, instance)
     follow(block, model, data, state)
     block.path_evaluation = lead.evaluation_count + 1
@@ -308,7 +307,7 @@ def settle(
     if block == 0:
         return
     lengths = blocks.displacement(data, block, 0), blocks.displacement(data, block, 1)
-    state, n = mj_struct.state(model, data, instance), block.segments
+    state, n = ffi.state(model, data, instance), block.segments
     evaluating.set_rest_state(block, model, state, lengths, data.time)
     kept = blocks.committed(state, n)
     kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
@@ -327,7 +326,7 @@ def settle(
 
 @ffi.callback
 def nstate(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
     return kernel.state_size(n) + blocks.COMMITMENT_SIZE // 8 + more
@@ -338,12 +337,12 @@ def init(model: MjModel, data: MjData, instance: ffi.CInt) -> ffi.CInt:
     data.plugin_data[instance] = 0
     if _is_refused(model, instance):
         return -1
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     room = np.zeros(blocks.BLOCK_WORDS, np.int64)
     head = blocks.block_of_memory(room.ctypes.data)
     head.segments = config.segment_count(attributes)
     head.path_kind = config.path_kind(attributes)
-    is_first = mj_struct.first_cable(model, instance) == instance
+    is_first = ffi.first_cable(model, instance) == instance
     size = blocks.lay_out(head, model, is_first)
     block = blocks.block_of_memory(ffi.allocate(size))
     ffi.clear(block, size)
@@ -364,7 +363,7 @@ def destroy(data: MjData, instance: ffi.CInt) -> None:
 @ffi.callback
 def reset(model: MjModel, state: int, block: Block, instance: ffi.CInt) -> None:
     if block == 0 or not (
-        mj_struct.has_timestep(model) and blocks.fits(block, model, instance)
+        ffi.has_timestep(model) and blocks.fits(block, model, instance)
     ):
         return
     if not evaluating.update_parameters(block, model, instance):
@@ -402,7 +401,7 @@ def compute(
         block.early_pull = 0
         _pull_early(model, data, instance, block)
         return
-    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
+    lead = blocks.block_at(data, ffi.first_cable(model, instance))
     if lead == block:
         lead.evaluation_count += 1
         lead.known_step = 0
@@ -425,7 +424,7 @@ def compute(
         attachments.keep_awake(model, instance, tendon, block.mouth)
     n = block.segments
     state, dt = evaluating.origin(block, model, data, instance)
-    begins = state == mj_struct.state(model, data, instance)
+    begins = state == ffi.state(model, data, instance)
     ends, lever = _ends(model, data, block)
     looks = False
     if usable:
@@ -488,7 +487,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     if block == 0:
         return
     # Without actuation that is of an evaluation before this step.
-    idle = mj_struct.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
+    idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     rk4 = evaluating.is_rk4(model)
     known = block.evaluated_model == model and not idle
     block.evaluated_model = 0
@@ -496,7 +495,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         block = _usable_block(model, data, instance)
         if block == 0:
             return
-    state, n = mj_struct.state(model, data, instance), block.segments
+    state, n = ffi.state(model, data, instance), block.segments
     ends, _ = _ends(model, data, block)
     used, last = ends, ends
     jump_warnings.save_poses(model, data, block)

@@ -16,12 +16,11 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._ffi import copy, floats, internal, same
+from cc_mujoco.plugin._ffi import MjData, MjModel, copy, floats, internal, same
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
 
 
@@ -32,7 +31,7 @@ def is_rk4(model: MjModel) -> bool:
 
 @internal
 def pack(block: Block, model: MjModel, instance: int) -> bool:
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     n = block.segments
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
@@ -90,7 +89,7 @@ def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
     They are unless a batch gives its simulations different models; then the text of the
     configuration differs from the copy that was packed last, or its route does.
     """
-    attributes = mj_struct.attributes(model, instance)
+    attributes = ffi.attributes(model, instance)
     seen, size, i = block + block.text, block.text_size, 0
     # In pieces: what follows the first difference need not be memory of the model.
     while i + 128 <= size and same(seen + i, attributes + i, 128):
@@ -128,7 +127,7 @@ def origin(
     one. So a motion that turns at the start of the step is followed to there and back.
     The time is half a step, a step or, where there was no first stage, up to two.
     """
-    state, step = mj_struct.state(model, data, instance), model.opt.timestep
+    state, step = ffi.state(model, data, instance), model.opt.timestep
     if not is_rk4(model):
         return state, step
     n, first = block.segments, block + block.first_stage

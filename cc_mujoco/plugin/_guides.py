@@ -16,8 +16,7 @@ from mujoco import mjtJoint, mjtWrap
 
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._warnings import begin_message
 
 RANDOM_POSES = 200
@@ -131,7 +130,7 @@ def warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> Non
         if touched[place] == 0:
             message.used = start
             geom = model.wrap_objid[model.tendon_adr[tendon] + place]
-            name = mj_struct.name(model, model.name_geomadr[geom])
+            name = ffi.name(model, model.name_geomadr[geom])
             ffi.append(message, "its path never touches geom ")
             ffi.append_label(message, name, geom)
             ffi.append(message, ", neither in `qpos0` nor in ")

@@ -76,8 +76,8 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._evaluate import evaluate, is_rk4
+from cc_mujoco.plugin._ffi import MjData, MjModel, disabled
 from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel, disabled
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
 """Knowledge of the step in `known_step` of a model's first cable: none; the

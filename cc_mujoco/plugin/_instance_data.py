@@ -13,9 +13,8 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _attachments as attachments
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import floats, internal, memory
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin import _ffi as ffi
+from cc_mujoco.plugin._ffi import MjData, MjModel, floats, internal, memory
 from cc_mujoco.plugin._path import OpenPath
 
 _INT, _REAL = ctypes.c_int64, ctypes.c_double
@@ -123,7 +122,7 @@ def save_sizes(block: Block, model: MjModel, instance: int) -> None:
     block.instance = instance
     block.dofs = model.nv
     block.mocaps = model.nmocap
-    block.lead = mj_struct.first_cable(model, instance)
+    block.lead = ffi.first_cable(model, instance)
     block.state_address = model.plugin_stateadr[instance]
     block.state_size = model.plugin_statenum[instance]
 
@@ -148,7 +147,7 @@ def fits(block: Block, model: MjModel, instance: int) -> bool:
         and block.state_size == model.plugin_statenum[instance]
         and block.dofs == model.nv
         and block.mocaps == model.nmocap
-        and block.lead == mj_struct.first_cable(model, instance)
+        and block.lead == ffi.first_cable(model, instance)
     )
 
 
@@ -184,9 +183,9 @@ def acting_block(model: MjModel, data: MjData, instance: int) -> Block:
     The first cable of the model must fit too, which keeps what all of them share, and
     the time step must be one.
     """
-    if not mj_struct.has_timestep(model):
+    if not ffi.has_timestep(model):
         return 0
-    lead = mj_struct.first_cable(model, instance)
+    lead = ffi.first_cable(model, instance)
     block = block_of(model, data, instance)
     if block != 0 and lead != instance and block_of(model, data, lead) == 0:
         return 0

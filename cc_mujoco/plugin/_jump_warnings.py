@@ -25,10 +25,8 @@ from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import floats
+from cc_mujoco.plugin._ffi import MjData, MjModel, floats
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._warnings import begin_message
 
 _PATH = 2
@@ -87,8 +85,8 @@ def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> flo
         return 0.0
     count, total = model.nmocap, 0.0
     before, now = _poses(model, lead, 1), _poses(model, lead, 0)
-    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
-        place = _mocap(model, mj_struct.wrap_body(model, i))
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
+        place = _mocap(model, ffi.wrap_body(model, i))
         if place < 0:
             continue
         at, thing = data.geom_xpos.ctypes.data, model.wrap_objid[i]
@@ -141,7 +139,7 @@ def warn_jump(
     )
     if block.route < 0 and held < 0 and not by_hand:
         return  # joints move both ends by their velocity
-    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
+    lead = blocks.block_at(data, ffi.first_cable(model, instance))
     prm, kept = blocks.parameters(block), blocks.committed(state, n)
     node = layout.tensions(blocks.kernel_state(state, n), n)
     most = prm[PLACE.pretension]

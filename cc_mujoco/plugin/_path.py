@@ -16,8 +16,7 @@ from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._ffi import MjData, MjModel
 
 ARC_SEGMENTS = 4
 """Default number of segments of the arc around a geom."""
@@ -37,7 +36,7 @@ class OpenPath(NamedTuple):
 @internal
 def has_branches(model: MjModel, tendon: int) -> bool:
     """Return whether a spatial tendon has pulleys, which divide it into branches."""
-    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
         if model.wrap_type[i] == mjtWrap.mjWRAP_PULLEY:
             return True
     return False
@@ -50,7 +49,7 @@ def digest(model: MjModel, tendon: int) -> int:
     if tendon >= model.ntendon:
         return -1
     found, weight = tendon + model.tendon_num[tendon], 1
-    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
         weight *= 1099511628211
         found += (model.wrap_type[i] + 16 * model.wrap_objid[i]) * weight
     return int(found)
@@ -121,7 +120,7 @@ def min_segments(model: MjModel, tendon: int, mouth: int) -> int:
 def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
     """Return the segments behind a mouth by default, `ARC_SEGMENTS` for a geom."""
     count = min_segments(model, tendon, mouth)
-    for i in range(model.tendon_adr[tendon] + mouth, mj_struct.path_end(model, tendon)):
+    for i in range(model.tendon_adr[tendon] + mouth, ffi.path_end(model, tendon)):
         if model.wrap_type[i] != mjtWrap.mjWRAP_SITE:
             count += ARC_SEGMENTS - 1
     return count
@@ -167,18 +166,18 @@ def apply_pulls(
     )  # fmt: skip
     points, stride, k = places.ctypes.data + 8 * geometry.FIRST, geometry.PLACE_SIZE, 0
     while k < number - 1:
-        body, i = mj_struct.wrap_body(model, start + k), 6 * k
+        body, i = ffi.wrap_body(model, start + k), 6 * k
         here = _Anchor(points + 8 * stride * k, body)
         if places[stride * (k + 1) + geometry.KIND] != geometry.SITE:
             k += 1
             if places[stride * k + geometry.TOUCHED] != 0.0:
-                body = mj_struct.wrap_body(model, start + k)
+                body = ffi.wrap_body(model, start + k)
                 there = _Anchor(points + 8 * stride * k, body)
                 _pull_together(model, data, here, there, forces[i : i + 3], target)
                 leaves = there.point + 8 * (geometry.LAST - geometry.FIRST)
                 here, i = _Anchor(leaves, body), i + 3
         k += 1
-        body = mj_struct.wrap_body(model, start + k)
+        body = ffi.wrap_body(model, start + k)
         there = _Anchor(points + 8 * stride * k, body)
         _pull_together(model, data, here, there, forces[i : i + 3], target)
     ffi.free_stack(data)

@@ -22,9 +22,9 @@ from cc_mujoco.cable._coupled_route import CoupledPath
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray, compiled
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._routing import follow
 
@@ -176,7 +176,7 @@ def _lay_path(
     stay: bool,
 ) -> float:
     block = blocks.block_at(data, instance)
-    state, n = mj_struct.state(model, data, instance), block.segments
+    state, n = ffi.state(model, data, instance), block.segments
     follow(block, model, data, state)
     prm = blocks.parameters(block)
     wrap[:] = layout.segment_angles(prm, n)
@@ -231,7 +231,7 @@ def _read(
     reference: FloatArray,
 ) -> None:
     block = blocks.block_at(data, instance)
-    follow(block, model, data, mj_struct.state(model, data, instance))
+    follow(block, model, data, ffi.state(model, data, instance))
     if blocks.is_open(block):
         guides[:] = blocks.path_of(block, 0).guides
         reference[:] = blocks.shape(block, blocks.REFERENCE_STAGE)

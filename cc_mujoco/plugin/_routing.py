@@ -14,10 +14,9 @@ from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 
 @internal
@@ -104,7 +103,7 @@ def _make_mesh(block: Block, model: MjModel, data: MjData) -> None:
     n, guided = block.segments, block.guided
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
-    attributes = mj_struct.attributes(model, block.instance)
+    attributes = ffi.attributes(model, block.instance)
     _, count = config.read(attributes, values, sections)
     reference = blocks.shape(block, blocks.REFERENCE_STAGE)
     if guided > 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -17,12 +17,6 @@ from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.errors import CableError, require_utf8
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._registration import warned_digests
-
-_OWN = {
-    "alt", "classname", "compiler", "frame", "fromto", "id", "info", "name", "parent",
-    "path", "plugin", "signature", "userdata",
-}  # fmt: skip
-"""Fields of an element that no default gives it."""
 
 
 def add_element(owner: Any, kind: str, **fields: Any) -> Any:
@@ -38,8 +32,12 @@ def pristine_fields(kind: str) -> dict[str, Any]:
     owner = spec if kind in ("actuator", "tendon") else spec.worldbody.add_body()
     element = getattr(owner, f"add_{kind}")()
     found = {}
+    own = {  # which no default gives it
+        "alt", "classname", "compiler", "frame", "fromto", "id", "info", "name",
+        "parent", "path", "plugin", "signature", "userdata",
+    }  # fmt: skip
     for field in dir(element):
-        if not field.startswith("_") and field not in _OWN:
+        if not field.startswith("_") and field not in own:
             value = getattr(element, field)
             if isinstance(value, np.ndarray):
                 found[field] = value.copy()
@@ -95,6 +93,14 @@ def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
     by_index = f"; give an index, 0 to {count - 1}" if count else ""
     near = f"; names are {', '.join(map(repr, sorted(named)))}" if named else ""
     raise CableError(f"unknown {kind} {which!r}: {there}{by_index}{near}.")
+
+
+def require_parameters(given: Iterable[str], left_out: Collection[str]) -> None:
+    """Refuse what is no parameter of a cable, or one that must not be given."""
+    allowed = [key for key in KEYS if key not in left_out]
+    for key in given:
+        if key not in allowed:
+            raise CableError.unknown("cable parameter", key, allowed)
 
 
 def require_spec(spec: Any) -> None:

@@ -28,9 +28,9 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._evaluate import packed_block_of
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._implicit_ends import add_moment
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
 
 

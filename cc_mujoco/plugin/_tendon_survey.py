@@ -18,11 +18,10 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._guides import RANDOM_POSES
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
 
 SWEEP_POSES = 21
@@ -133,7 +132,7 @@ def _timestep(
 def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
     """Read the guides of a cable by its route (p,), 0 before the cable's mouth."""
     place = 0
-    if config.is_mixed(mj_struct.attributes(model, instance)):
+    if config.is_mixed(ffi.attributes(model, instance)):
         place = attachments.find_mouth(model, instance, tendon)
     first = max(place - 1, 0)
     attachments.read_guides(model, instance, tendon, place, out[first:])

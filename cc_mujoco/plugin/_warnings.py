@@ -16,12 +16,11 @@ from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._evaluate import is_rk4
+from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._instance_data import Block
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 NO_PASSIVE = (
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
@@ -38,7 +37,7 @@ def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
     message = ffi.message_at(room)
     for part in ("plugin `", PLUGIN, "`, instance "):
         ffi.append(message, part)
-    ffi.quote(message, mj_struct.name(model, model.name_pluginadr[instance]))
+    ffi.quote(message, ffi.name(model, model.name_pluginadr[instance]))
     ffi.append(message, ": ")
     return message
 
@@ -70,7 +69,7 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
     ):
         return
     block = blocks.acting_block(model, data, instance)
-    if not mj_struct.has_timestep(model):
+    if not ffi.has_timestep(model):
         warn_once(model, instance, NO_TIMESTEP)
     elif block == 0 or block.other_kind != 0:
         warn_once(
@@ -99,7 +98,7 @@ def refuse_open_path(
     """
     if path.has_branches(model, tendon):
         return int(config.KEY.path)
-    attributes, start = mj_struct.attributes(model, instance), message.used
+    attributes, start = ffi.attributes(model, instance), message.used
     mouth = 0
     if config.is_mixed(attributes):
         mouth = attachments.find_mouth(model, instance, tendon)
@@ -136,8 +135,8 @@ def refuse_open_path(
 
 @internal
 def has_no_passive(model: MjModel) -> bool:
-    no_spring = mj_struct.disabled(model, mjtDisableBit.mjDSBL_SPRING)
-    return no_spring and mj_struct.disabled(model, mjtDisableBit.mjDSBL_DAMPER)
+    no_spring = ffi.disabled(model, mjtDisableBit.mjDSBL_SPRING)
+    return no_spring and ffi.disabled(model, mjtDisableBit.mjDSBL_DAMPER)
 
 
 @internal
@@ -170,27 +169,18 @@ def _no_effect_reason(
 
 
 @internal
-def _rubbing_places(
-    model: MjModel, tendon: int, mouth: int, guides: FloatArray
-) -> tuple[int, int]:
-    """Count the places of an open path that rub: along an arc, and all of them."""
-    start, arcs, places = model.tendon_adr[tendon] + max(mouth, 1), 0, 0
-    for i in range(path.min_segments(model, tendon, mouth)):
-        if guides[i] != config.ROLLING:
-            places += 1
-            is_geom = model.wrap_type[start + i] != mjtWrap.mjWRAP_SITE
-            arcs += guides[i] > 0.0 or is_geom
-    return arcs, places
-
-
-@internal
 def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
     """Warn, once, of each key of an open cable that changes nothing on its path."""
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
-    config.read(mj_struct.attributes(model, instance), values, sections)
+    config.read(ffi.attributes(model, instance), values, sections)
     guides, mouth = blocks.path_of(block, 0).guides, block.mouth
-    arcs, places = _rubbing_places(model, block.route, mouth, guides)
+    start, arcs, places = model.tendon_adr[block.route] + max(mouth, 1), 0, 0
+    for i in range(path.min_segments(model, block.route, mouth)):
+        if guides[i] != config.ROLLING:
+            places += 1
+            is_geom = model.wrap_type[start + i] != mjtWrap.mjWRAP_SITE
+            arcs += guides[i] > 0.0 or is_geom
     for key in range(config.SCALARS):
         if values[key] == 0.0:
             continue
@@ -212,7 +202,7 @@ def warn_short_conduit(
     """Warn, once, of a conduit that is shorter than its ends are apart."""
     if blocks.is_open(block) and block.mouth == 0:
         return
-    length = config.length(mj_struct.attributes(model, instance))
+    length = config.length(ffi.attributes(model, instance))
     span = _conduit_span(model, data, block)
     # Ends are known by the joints and tendons that they act on, not by its mouths.
     if length >= 0.8 * span:
@@ -236,7 +226,7 @@ def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
     no farther than a pulley's radius from the joints of the ends, or at a site of their
     tendons.
     """
-    attributes = mj_struct.attributes(model, block.instance)
+    attributes = ffi.attributes(model, block.instance)
     written, first = (
         config.key_text(attributes, config.KEY.route),
         np.zeros(2, np.int64),

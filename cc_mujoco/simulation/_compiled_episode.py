@@ -28,7 +28,7 @@ from cc_mujoco.native import _library as native_library
 from cc_mujoco.native import internal
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._ffi import CInt, callback, floats, reinterpret, words
-from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._mj_offsets import MjData, MjModel
 from cc_mujoco.plugin._registration import add_plugin
 from cc_mujoco.simulation._wiring import OF_PHASE, desired_torque
 

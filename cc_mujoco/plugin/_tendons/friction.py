@@ -28,14 +28,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import mujoco
 
-from cc_mujoco.cable._cable import (
-    KEYS,
-    MAX_LENGTH,
-    MAX_SEGMENTS,
-    ROLLER,
-    Cable,
-    Section,
-)
+from cc_mujoco.cable._cable import MAX_LENGTH, MAX_SEGMENTS, ROLLER, Cable, Section
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.plugin import _spec as specs
 from cc_mujoco.plugin._mjcf import to_mjcf
@@ -47,9 +40,6 @@ from cc_mujoco.plugin._tendons import burden as burdens
 from cc_mujoco.plugin._tendons import winch as winching
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
 
-_ALLOWED_KEYS = [
-    key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")
-]
 MAX_STIFFNESS = 50e3
 """Axial stiffness of a tendon taken over, where its time step bears it [N]."""
 _MAX_STRAIN = 0.2
@@ -138,9 +128,7 @@ def add_friction(
             `qpos0` violates its `range`.
     """
     specs.require_spec(spec)
-    for key in parameters:
-        if key not in _ALLOWED_KEYS:
-            raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
+    specs.require_parameters(parameters, ("route", "bend", "path", "mouth", "guides"))
     several = not isinstance(tendon, str) and isinstance(tendon, Iterable)
     start, named = spec.copy(), dict[Any, str]()
     if len(start.tendons) != len(spec.tendons):

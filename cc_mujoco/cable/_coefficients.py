@@ -11,7 +11,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._fronts import overcome_direction
+from cc_mujoco.cable._fronts import CoulombChain, overcome_direction
 from cc_mujoco.cable._layout import Step
 from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
@@ -111,18 +111,13 @@ def write_coefficients(
 
 
 @internal
-def friction_holds(
-    n: int,
-    tension: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-) -> bool:
+def friction_holds(n: int, chain: CoulombChain) -> bool:
+    tension = chain.tension
     for j in range(n):
-        proximal, distal = max(tension[j], 0.0), max(tension[j + 1], 0.0)
         way = overcome_direction(
-            proximal, distal, hold_distal[j], hold_proximal[j], drag[j]
-        )
+            max(tension[j], 0.0), max(tension[j + 1], 0.0), chain.hold_distal[j],
+            chain.hold_proximal[j], chain.drag[j],
+        )  # fmt: skip
         if way != 0:
             return False
     return True

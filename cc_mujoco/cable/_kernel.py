@@ -114,20 +114,17 @@ def _stick_all(n: int, new_state: FloatArray) -> None:
 @internal
 def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) -> None:
     """Solve the step with the coefficients in `work`, whatever slips and from where."""
-    state, work = step.state, step.work
+    work, slips = step.work, at.slips(step.state, n)
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
+    if prm[PLACE.bristle_length] > 0.0:
+        slipped[:] = slips
+        if preslide(n, chain, step):
+            return
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
+    sweep(n, slips, chain, growth, growth_proximal, shift, node, work)
     if prm[PLACE.bristle_length] > 0.0:
-        slipped[:] = at.slips(state, n)
         held = at.row(work, n, at.HELD)
-        if preslide(
-            n, chain, growth, growth_proximal, held, at.row(work, n, at.SPRING), shift,
-            node, slipped, work,
-        ):  # fmt: skip
-            return
-    sweep(n, at.slips(state, n), chain, growth, growth_proximal, shift, node, work)
-    if prm[PLACE.bristle_length] > 0.0:
         # No elastic part: bristles keep what they can without new energy.
         for j in range(n):
             slipped[j] = shift[j]
@@ -199,7 +196,7 @@ def begin_step(
     if is_constant_coulomb and still and not changes:
         _stick_all(n, new_state)
         return OK
-    growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
+    growth = at.constant_growth(prm, n)
     hold_distal, hold_proximal = growth, growth
     tension = at.tensions(state, n)
     if before.loses_stretch(prm) or before.seats_anew(prm):
@@ -224,9 +221,13 @@ def begin_step(
     quick = is_constant_coulomb and by_position
     if quick and prm[PLACE.static_friction] > 0.0:
         hold_distal, hold_proximal = write_holds(prm, n, step)
+    chain = CoulombChain(
+        tension, at.node_compliance(prm, n), at.half_compliance(prm, n), growth,
+        hold_distal, hold_proximal, at.constant_drag(prm, n),
+    )  # fmt: skip
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
-        quick = friction_holds(n, tension, hold_distal, hold_proximal, drag)
+        quick = friction_holds(n, chain)
         follows = lengthens or yielding or before.seats_anew(prm)
         if quick and still and not follows:
             _stick_all(n, new_state)
@@ -240,16 +241,11 @@ def begin_step(
         for i in range(n + 1):
             stretch += nodes.node_stretch(prm, n, i, tension[i])
     stretch += distal_moved - proximal_moved
-    chain = CoulombChain(
-        tension, at.node_compliance(prm, n), at.half_compliance(prm, n), growth,
-        hold_distal, hold_proximal, drag,
-    )  # fmt: skip
     free = prm[PLACE.load_independent_friction] + prm[PLACE.seal_proximal]
     dragged = free + prm[PLACE.seal_distal] > 0.0  # by friction that needs no tension
     if nodes.is_curved(prm):
-        solved = stretch > 0.0 and nonlinear_elasticity.march_linearized(
-            prm, n, chain, proximal_moved, distal_moved, shift, node, work
-        )
+        solved = stretch > 0.0
+        solved = solved and nonlinear_elasticity.march_linearized(prm, n, step, chain)
     elif stretch <= 0.0 and not dragged:
         lay_evenly(
             0, n, tension, at.node_stiffness(prm, n), proximal_moved, True,
@@ -294,10 +290,8 @@ def solve_step(
         _solve(prm, n, step, chain, node)
         settled = not greased or update_viscosity(prm, n, step, node)
         if is_curved and not nonlinear_elasticity.relinearize(
-            prm, n, tension, proximal_kind == TENSION, proximal_moved,
-            distal_kind == TENSION, distal_moved, at.row(work, n, at.SHIFT), node,
-            stiffness,
-        ):  # fmt: skip
+            prm, n, step, tension, proximal_kind == TENSION, distal_kind == TENSION
+        ):
             settled = False
         if settled:
             break

@@ -12,6 +12,7 @@ from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._fronts import CoulombChain, march
+from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
 
 LINEARIZATION_TOLERANCE = 1e-5
@@ -33,20 +34,13 @@ def tangent_stiffness(
 
 
 @internal
-def march_linearized(
-    prm: FloatArray,
-    n: int,
-    chain: CoulombChain,
-    proximal: float,
-    distal: float,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Solve one step as `_fronts.march` does, in rounds; arguments as there.
+def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -> bool:
+    """Solve one step as `_fronts.march` does, in rounds.
 
     Return False where the march does not apply or its rounds do not settle.
     """
+    proximal, distal = step.proximal - step.state[0], step.distal - step.state[1]
+    work, node = step.work, at.tensions(step.new_state, n)
     tension, growth, drag = chain.tension, chain.growth, chain.drag
     compliance, half = at.node_row(work, n, _LINE_ROW), at.node_row(work, n, _HALF_ROW)
     line = CoulombChain(
@@ -59,6 +53,7 @@ def march_linearized(
             mean = 0.5 * (tension[j] + tension[j + 1])
             half[j] = elastic.compliance_at(nodes.half_piece(prm, n, j), mean)
     for _ in range(8):  # rounds
+        shift = at.row(work, n, at.SHIFT)
         if not march(n, line, proximal, distal, shift, node, work):
             return False
         largest = 0.0
@@ -81,24 +76,16 @@ def march_linearized(
 
 @internal
 def relinearize(
-    prm: FloatArray,
-    n: int,
-    tension: FloatArray,
-    proximal_held: bool,
-    proximal_moved: float,
+    prm: FloatArray, n: int, step: Step, tension: FloatArray, proximal_held: bool,
     distal_held: bool,
-    distal_moved: float,
-    shift: FloatArray,
-    node: FloatArray,
-    stiffness: FloatArray,
-) -> bool:
-    """Recompute the secant stiffness of nodes in place; return whether it converged.
+) -> bool:  # fmt: skip
+    """Turn the tangents of nodes into secants; return whether they converged.
 
-    `tension` (n + 1,) is that before the step, `node` (n + 1,) that of the solution
-    [N], `shift` (n,) the slip of segments and `proximal_moved` and `distal_moved` the
-    displacements of the ends in the step [m]. Where an end is held its tension is
+    `tension` (n + 1,) is that before the step [N]. Where an end is held its tension is
     prescribed.
     """
+    work, node = step.work, at.tensions(step.new_state, n)
+    stiffness, shift = at.node_row(work, n, _LINE_ROW), at.row(work, n, at.SHIFT)
     largest = 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
@@ -106,8 +93,8 @@ def relinearize(
     for i in range(n + 1):
         if (i == 0 and proximal_held) or (i == n and distal_held):
             continue
-        behind = proximal_moved if i == 0 else shift[i - 1]
-        stretched = (distal_moved if i == n else shift[i]) - behind
+        behind = step.proximal - step.state[0] if i == 0 else shift[i - 1]
+        stretched = (step.distal - step.state[1] if i == n else shift[i]) - behind
         true = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
         if abs(max(true, 0.0) - node[i]) > LINEARIZATION_TOLERANCE * largest:
             settled = False

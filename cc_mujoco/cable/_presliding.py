@@ -22,8 +22,10 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains
+from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._chain_solve import Chain, Motion
-from cc_mujoco.native import FloatArray, compiled, internal
+from cc_mujoco.cable._layout import Step
+from cc_mujoco.native import FloatArray, internal
 
 _ROUNDING = 1e-12
 
@@ -159,26 +161,20 @@ def _find_choices(
         slack[s], slack[s + 1] = slack_before[s], slack_behind[s]
 
 
-@compiled
-def preslide(
-    n: int,
-    chain: Chain,
-    growth_distal: FloatArray,
-    growth_proximal: FloatArray,
-    held: FloatArray,
-    spring: FloatArray,
-    shift: FloatArray,
-    node: FloatArray,
-    slipped: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Solve one step; arguments as in `_graph.sweep`, and three more.
+@internal
+def preslide(n: int, chain: Chain, step: Step) -> bool:
+    """Solve one step by the rows of its scratch; return whether a solution was found.
 
-    `spring` is the stiffness of the bristles of each segment (n,) [N/m], `held` their
-    force [N], in and out. `slipped` (n,) is the expected slip direction of each segment
+    `at.SPRING` is the stiffness of the bristles of each segment [N/m], `at.HELD` their
+    force [N], in and out. `at.SLIPPED` is the expected slip direction of each segment
     on input; on output it is the part of its displacement [m] that is slip, not stretch
-    of its bristles. `work` holds (8 n + 1,). Return whether a solution was found.
+    of its bristles.
     """
+    work, node = step.work, at.tensions(step.new_state, n)
+    held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)
+    shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
+    growth_distal = at.row(work, n, at.GROWTH)
+    growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
     motion = Motion(slip_direction, slack, shift, node)
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]

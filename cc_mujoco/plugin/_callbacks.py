@@ -50,7 +50,7 @@ from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin import _warnings as messages
 from cc_mujoco.plugin._ffi import MjData, MjModel
-from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._instance_data import Block, Pair
 from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
 
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
@@ -227,9 +227,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
 
 
 @internal
-def _ends(
-    model: MjModel, data: MjData, block: Block
-) -> tuple[tuple[float, float], float]:
+def _ends(model: MjModel, data: MjData, block: Block) -> tuple[Pair, float]:
     """Return the displacements of the ends [m], and the lever of the proximal one."""
     proximal, lever = blocks.winding(model, data, block)
     return (proximal, blocks.displacement(data, block, 1)), lever

@@ -20,7 +20,7 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import MjData, MjModel, copy, floats, internal, same
-from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._instance_data import Block, Pair
 from cc_mujoco.plugin._routing import follow, seats_with_route
 
 
@@ -153,9 +153,7 @@ def save_first_stage(block: Block, data: MjData, state: int) -> None:
 
 
 @internal
-def is_evaluated(
-    block: Block, data: MjData, state: int, ends: tuple[float, float]
-) -> bool:
+def is_evaluated(block: Block, data: MjData, state: int, ends: Pair) -> bool:
     """Return whether the last evaluation is that of this state and motion of the ends.
 
     What an implicit end looks ahead to depends on its velocity, too.
@@ -174,13 +172,7 @@ def written_bytes(block: Block) -> int:
 
 
 @internal
-def evaluate(
-    block: Block,
-    state: int,
-    ends: tuple[float, float],
-    yields: tuple[float, float],
-    dt: float,
-) -> bool:
+def evaluate(block: Block, state: int, ends: Pair, yields: Pair, dt: float) -> bool:
     """Evaluate from the committed state, unless done; return if all is finite.
 
     The parameters must be up to date. Arguments as in `cable._kernel.step` and
@@ -211,7 +203,7 @@ def evaluate(
 
 @internal
 def set_rest_state(
-    block: Block, model: MjModel, state: int, ends: tuple[float, float], time: float
+    block: Block, model: MjModel, state: int, ends: Pair, time: float
 ) -> None:
     """Set the state at address `state` to rest with the lengths of both actuators [m].
 

@@ -17,6 +17,8 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin._ffi import MjData, MjModel, floats, internal, memory
 from cc_mujoco.plugin._path import OpenPath
 
+Pair = tuple[float, float]
+"""Numbers of the proximal and the distal end, or of one of them."""
 _INT, _REAL = ctypes.c_int64, ctypes.c_double
 
 
@@ -290,9 +292,7 @@ def rest_displacement(model: MjModel, block: Block, end: int) -> float:
 
 
 @internal
-def proximal_winding(
-    model: MjModel, block: Block, length: float
-) -> tuple[float, float]:
+def proximal_winding(model: MjModel, block: Block, length: float) -> Pair:
     """Return displacement [m] and lever of the proximal end, by its `length`."""
     prm, gear = parameters(block), attachments.pulley_radius(model, block.outputs[0])
     return (
@@ -302,7 +302,7 @@ def proximal_winding(
 
 
 @internal
-def winding(model: MjModel, data: MjData, block: Block) -> tuple[float, float]:
+def winding(model: MjModel, data: MjData, block: Block) -> Pair:
     return proximal_winding(model, block, displacement(data, block, 0))
 
 

@@ -26,7 +26,7 @@ from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin._ffi import MjData, MjModel, floats
-from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._instance_data import Block, Pair
 from cc_mujoco.plugin._warnings import begin_message
 
 _PATH = 2
@@ -70,15 +70,6 @@ def save_poses(model: MjModel, data: MjData, block: Block) -> None:
 
 
 @internal
-def _mocap(model: MjModel, body: int) -> int:
-    while body > 0:
-        if model.body_mocapid[body] >= 0:
-            return int(model.body_mocapid[body])
-        body = model.body_parentid[body]
-    return -1
-
-
-@internal
 def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
     """Return how far mocap bodies can have moved a tendon in the last step [m]."""
     if lead.mocap_poses == 0:
@@ -86,9 +77,12 @@ def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> flo
     count, total = model.nmocap, 0.0
     before, now = _poses(model, lead, 1), _poses(model, lead, 0)
     for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
-        place = _mocap(model, ffi.wrap_body(model, i))
-        if place < 0:
+        body = ffi.wrap_body(model, i)
+        while body > 0 and model.body_mocapid[body] < 0:
+            body = model.body_parentid[body]
+        if body <= 0:
             continue
+        place = model.body_mocapid[body]
         at, thing = data.geom_xpos.ctypes.data, model.wrap_objid[i]
         if model.wrap_type[i] == mjtWrap.mjWRAP_SITE:
             at = data.site_xpos.ctypes.data
@@ -125,7 +119,7 @@ def warn_jump(
     data: MjData,
     instance: int,
     state: int,
-    ends: tuple[float, float],
+    ends: Pair,
     stage: int,
 ) -> None:
     """Warn, once, of an end, or the path at a stage, that jumped from the state's."""

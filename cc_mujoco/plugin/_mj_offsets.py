@@ -13,6 +13,7 @@ import math
 import operator
 import textwrap
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import mujoco
@@ -118,33 +119,6 @@ MjLogMessage = Annotated[Any, _memory("mjLogMessage")]
 """Addresses of structures in compiled code, with their fields as attributes."""
 
 
-_PROBE_XML = """
-<mujoco>
-  <option timestep="0.0123" integrator="RK4"/>
-  <size nuserdata="3"/>
-  <extension>
-    <plugin plugin="mujoco.pid">
-      <instance name="p"><config key="kp" value="1"/></instance>
-    </plugin>
-  </extension>
-  <worldbody>
-    <site name="a"/>
-    <geom type="plane" size="1 1 .1"/>
-    <body mocap="true"/>
-    <body>
-      <joint name="j" range="1 2" limited="true"/>
-      <geom size=".1"/>
-      <site name="b" pos="0 0 1"/>
-    </body>
-  </worldbody>
-  <tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>
-  <equality><tendon tendon1="t"/></equality>
-  <actuator><plugin joint="j" instance="p"/></actuator>
-  <sensor><clock/></sensor>
-</mujoco>
-"""
-
-
 def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
     """Compare the layout with the addresses that the bindings report.
 
@@ -152,7 +126,8 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
     Python; the fields on both sides of them do, and the latter must hold an address.
     Offsets and sizes of `paths` and the values of `enumerators` must agree.
     """
-    model = mujoco.MjModel.from_xml_string(_PROBE_XML)
+    probe = Path(__file__).with_name("probe.xml").read_text()
+    model = mujoco.MjModel.from_xml_string(probe)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     model.opt.disableflags, model.opt.enableflags = 1 << 11, 1 << 3

@@ -6,6 +6,7 @@ import hashlib
 import linecache
 from collections.abc import Iterable
 from functools import lru_cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -96,76 +97,6 @@ def known_values(
     return Known(packed, kinds, rounding if single else {})
 
 
-_PRELUDE = '''
-@wp.func_native("""
-wp::array_t<ELEMENT> part = whole;
-part.data = (ELEMENT*)((char*)whole.data + wp::int64(start) * whole.strides[0]);
-part.shape[0] = stop - start;
-return part;
-""")
-def cut(
-    whole: wp.array(dtype=Real), start: wp.int32, stop: wp.int32
-) -> wp.array(dtype=Real):
-    ...
-
-
-@wp.func
-def variable(x: Real):
-    return x
-
-
-@wp.func
-def fill(row: wp.array(dtype=Real), value: Real):
-    for i in range(row.shape[0]):
-        row[i] = value
-
-
-@wp.func
-def fill(row: wp.array(dtype=Real), source: wp.array(dtype=Real)):
-    for i in range(row.shape[0]):
-        row[i] = source[i]
-
-
-@wp.func
-def square(x: Real):
-    return x * x
-
-
-@wp.func
-def sign_of(x: Real):
-    if x > Real(0.0):
-        return Real(1.0)
-    if x < Real(0.0):
-        return Real(-1.0)
-    return x
-
-
-@wp.func
-def expm1(x: Real):
-    grown = wp.exp(x)
-    if grown == Real(1.0):
-        return x
-    if grown - Real(1.0) == Real(-1.0):
-        return Real(-1.0)
-    return (grown - Real(1.0)) * (x / wp.log(grown))
-
-
-@wp.func
-def log1p(x: Real):
-    grown = Real(1.0) + x
-    if grown == Real(1.0):
-        return x
-    return wp.log(grown) * (x / (grown - Real(1.0)))
-'''
-"""Source of these functions for an element type `Real`.
-
-`variable` makes a variable of a constant: Warp 1.19 gives both one place in memory,
-and what changes the variable would change the constant. `cut` returns a view of part
-of an array whose elements may lie apart. Warp's library for processors lacks `expm1`
-and `log1p`; these are Kahan's forms.
-"""
-
-
 @lru_cache(maxsize=32)
 def functions(
     real: Any, terms: frozenset[str], yields: bool, paths: Paths = GUIDED
@@ -179,7 +110,8 @@ def functions(
     """
     wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
     library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))
-    prelude = _PRELUDE.replace("ELEMENT", f"wp::{real.__name__}")
+    prelude = Path(__file__).with_name("prelude.txt").read_text()
+    prelude = prelude.replace("ELEMENT", f"wp::{real.__name__}")
     source = f"{prelude}\n\n{library.source}"
     digest = hashlib.sha256(source.encode()).hexdigest()[:16]
     name = f"cc_mujoco_{real.__name__}_{digest}"

@@ -125,7 +125,9 @@ class AttachedCables:
         trn_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
         held = self._model.actuator_trntype[actuators] == trn_tendon
         tied = np.array([r.tied if r else (False, False) for r in self._routes])
-        rest = np.where(tied, 0.0, models.lengths_in_qpos0(self._model)[actuators])
+        data = mujoco.MjData(self._model)
+        mujoco.mj_fwdPosition(self._model, data)
+        rest = np.where(tied, 0.0, data.actuator_length[actuators])
         followed = np.where(held, of_cables.FOLLOWED, 0)
         followed[tied] = of_cables.TIED
         ints: dict[str, Any] = {"dtype": int, "device": device}

@@ -16,12 +16,6 @@ from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-_POSITIONS = (
-    "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
-    "geom_quat", "geom_size",
-)  # fmt: skip
-"""Fields of a model that may have values for each world, and move a tendon."""
-
 
 @dataclass(frozen=True)
 class HeldCable:
@@ -67,9 +61,7 @@ def add_end(
     names = [element.name for element in getattr(spec, f"{kind}s")]
     if target not in names:
         raise CableError.unknown(kind, str(target), names)
-    transmission = mujoco.mjtTrn.mjTRN_JOINT
-    if tendon is not None:
-        transmission = mujoco.mjtTrn.mjTRN_TENDON
+    transmission = getattr(mujoco.mjtTrn, f"mjTRN_{kind.upper()}")
     end = spec.add_actuator(name=name, target=target, trntype=transmission)
     end.gear = [radius, 0, 0, 0, 0, 0]
     end.dyntype = mujoco.mjtDyn.mjDYN_NONE
@@ -140,19 +132,16 @@ def require_plain(
 
 def require_shared_positions(m: mjw.Model) -> None:
     """Refuse worlds that differ in positions on which paths in `qpos0` depend."""
-    for name in _POSITIONS:
+    for name in (
+        "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
+        "geom_quat", "geom_size",
+    ):  # fmt: skip
         if getattr(m, name).shape[0] > 1:
             raise CableError(
                 f"{name} of the mujoco_warp model differs from world to world, and "
                 "cables are laid at rest on the path that the scene has in qpos0; "
                 "attach them with rest_in_pose=True"
             )
-
-
-def lengths_in_qpos0(model: mujoco.MjModel) -> FloatArray:
-    data = mujoco.MjData(model)
-    mujoco.mj_fwdPosition(model, data)
-    return np.array(data.actuator_length)
 
 
 def end_rate(

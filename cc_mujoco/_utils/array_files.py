@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.parsing import one_sentence
 from cc_mujoco.errors import CableError
-
-FloatArray = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as FloatArray
 
 
 class _Array(NamedTuple):

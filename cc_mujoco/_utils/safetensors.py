@@ -13,11 +13,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.parsing import parse_json
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:

@@ -46,10 +46,9 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import METRICS, ArrayLog, LogLike, Metric, measure
 from cc_mujoco.metrics._metric import Key
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._worn_device import WornDevice
-
-Array = NDArray[np.float64]
 
 
 def _metrics(names: str) -> tuple[Metric, ...]:

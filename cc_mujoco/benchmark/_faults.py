@@ -18,10 +18,9 @@ from cc_mujoco.benchmark._conditions import Condition, named_condition
 from cc_mujoco.benchmark._generic import plain_condition
 from cc_mujoco.device import find_device
 from cc_mujoco.device._sensors import AxesMeasuring
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns
-
-Array = NDArray[np.float64]
 
 STRAP = "strap-open"
 """Fault in which the wearer leaves the device: nothing holds the joint any more."""

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco._utils.provenance import versions
@@ -24,6 +23,7 @@ from cc_mujoco.benchmark._results import DeviceResults, Results
 from cc_mujoco.benchmark._runner import BenchmarkPlan
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import REFERENCE_COLUMN
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, save, style
 from cc_mujoco.report._html import Html
@@ -31,7 +31,6 @@ from cc_mujoco.report._html import Html
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 CAPTIONS = {
     "pareto": "Normalised error against effort and chatter, mean over conditions and "

@@ -27,7 +27,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.benchmark._conditions import (
     TRANSMISSIONS,
@@ -43,9 +42,8 @@ from cc_mujoco.device import Device, DeviceModel, Plant, Value, find_device
 from cc_mujoco.device._sensors import BIAS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Disturbed, Trajectory, Walk
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._loop import Columns
-
-Array = NDArray[np.float64]
 
 SPREAD = {
     "friction": 0.15, "axial_stiffness": 0.1, "pretension": 0.2, "wrap": 0.1,

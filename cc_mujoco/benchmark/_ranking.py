@@ -15,11 +15,9 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.benchmark._conditions import SCALE_CONTROLLER
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 class Place(NamedTuple):

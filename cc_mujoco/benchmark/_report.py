@@ -12,7 +12,6 @@ from collections.abc import Container, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _ranking as ranking
 from cc_mujoco.benchmark._cell import EVERY_SCORE, ranked_score
@@ -27,10 +26,10 @@ from cc_mujoco.benchmark._results import (
 )
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report._html import list_words
 from cc_mujoco.report._markdown import table
 
-Array = NDArray[np.float64]
 Cells = tuple[list[str], list[list[str]]]
 """Titles of the columns of a table, and its rows."""
 

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from cc_mujoco._utils import provenance as origins
 from cc_mujoco._utils.atomic_io import replacing
@@ -27,8 +26,8 @@ from cc_mujoco.benchmark._cell import Cell, CellResult, axis_errors, ranked_scor
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 
-Array = NDArray[np.float64]
 Results = Sequence[tuple[Cell, CellResult]]
 Errors = dict[str, dict[str, dict[str, Array]]]
 """RMS errors by scene, controller and condition, (seeds, axes)."""

@@ -27,6 +27,7 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import Physics
 from cc_mujoco.device._model import DeviceModel, physics_of
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation import _loop as loop
 from cc_mujoco.simulation._loop import Columns, Observer
@@ -34,7 +35,6 @@ from cc_mujoco.simulation._reference_motion import Script
 from cc_mujoco.simulation._wiring import Wiring
 from cc_mujoco.simulation._worn_device import WornDevice
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

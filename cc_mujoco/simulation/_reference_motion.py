@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._mover import Mover
@@ -20,9 +19,7 @@ from cc_mujoco.human import Motion, Recorded, Task, TimeTorque, Trajectory, Walk
 from cc_mujoco.human._motion import SampledMotion
 from cc_mujoco.human._perturbed import unperturbed
 from cc_mujoco.human._tasks import task_torque
-
-Array = NDArray[np.float64]
-
+from cc_mujoco.native import FloatArray as Array
 
 MARKS = 5
 """Marks of an axis: reference angle [rad], phase of the cycle or time [s] for a task of

@@ -27,6 +27,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import Reader
 from cc_mujoco.simulation import _compiled_episode as compiled
 from cc_mujoco.simulation._batch import Batch
@@ -34,8 +35,6 @@ from cc_mujoco.simulation._loop import Columns, missing_torque_error
 from cc_mujoco.simulation._reference_motion import MARKS
 from cc_mujoco.simulation._wiring import OF_PHASE, TASK_CODES, parameters_of
 from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
-
-Array = NDArray[np.float64]
 
 _one = threading.Lock()
 TICK_STEPS = 200

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 LEGEND_SHARE = 0.35
 """Room for a legend, before the curves, over the time that they take."""

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.viz import _scene3d as scene3d
-
-Array = NDArray[np.float64]
 
 CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
 """Parts of a cable that are drawn."""

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report._figures import figure, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
@@ -24,8 +24,6 @@ from cc_mujoco.viz._summary import draw_loop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 class LabelledEpisode(NamedTuple):

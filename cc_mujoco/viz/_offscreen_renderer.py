@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.viz._cable_lines import Capsules
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 

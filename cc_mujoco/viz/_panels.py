@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.metrics._metric import Key
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, ORANGE, SKY
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 FRAME_RATE = 30
 """Frames per simulated second [1/s]."""

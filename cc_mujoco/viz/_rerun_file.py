@@ -29,6 +29,7 @@ from rerun.error_utils import strict_mode
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.metrics import Metric
 from cc_mujoco.metrics._metric import value_text
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
@@ -87,9 +88,6 @@ def state_changes(
             found[first] = 4  # "to and fro"
             kept[first + 1 : last] = False
     return begun[kept], found[kept]
-
-
-Array = NDArray[np.float64]
 
 
 def write_recording(

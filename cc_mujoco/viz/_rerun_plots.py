@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from cc_mujoco.metrics._metric import Key, driven_cables
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import plot, time_axis
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
@@ -73,7 +74,6 @@ def plotted_series(log: EpisodeLog) -> Iterator[Series]:
             yield Series(parts, name, log[column.format(cable)], colors[shade])
 
 
-Array = NDArray[np.float64]
 View = rrb.View | rrb.Container
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.viz._panels import frame_slices
 
 
@@ -48,8 +49,6 @@ class Branch:
     def _full_path(self, path: str) -> str:
         return f"{self.root}/{path.removeprefix('/')}"
 
-
-Array = NDArray[np.float64]
 
 WORLD, TIMELINE = "world", "sim_time"
 

@@ -24,14 +24,13 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.viz._cable_lines import Capsules
 from cc_mujoco.viz._live_controls import Sliders
 from cc_mujoco.viz._scene3d import viewpoint
 
-Array = NDArray[np.float64]
 Rows = tuple[tuple[str, str], ...]
 """Lines of two columns."""
 

@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz import _scene3d as scene3d
 from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines, resample
-
-Array = NDArray[np.float64]
 
 
 class TriangleMesh(NamedTuple):

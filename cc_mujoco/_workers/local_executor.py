@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from cc_mujoco._utils import user_code
 
-Tick = Callable[[float], None]
+Tick = Callable[[float], object]
 """Takes the share of a piece that is done, 0 to 1; may raise to stop."""
 
 Progress = Callable[[float], None]
@@ -58,7 +58,7 @@ def run_here(
     if processes and count == 1:
         done = 0.0
         for number, piece in pieces.items():
-            result = job.do(piece, _ignore_tick)
+            result = job.do(piece, float)
             done += job.size(piece)
             progress(done)
             yield number, result
@@ -102,7 +102,7 @@ def run_here(
                     piece = waiting.pop(number)
                     if processes:
                         with _interrupts_held():  # a process starts with what is held
-                            future = pool.submit(job.do, piece, _ignore_tick)
+                            future = pool.submit(job.do, piece, float)
                     else:
                         future = pool.submit(work, number)
                     queue[future] = number
@@ -124,10 +124,6 @@ def run_here(
         pool.shutdown(wait=True, cancel_futures=True)
         if processes and unsafe:
             del os.environ[safe_path]
-
-
-def _ignore_tick(share: float) -> None:
-    """Ignore a tick."""
 
 
 @contextlib.contextmanager

@@ -259,11 +259,8 @@ def play(cell: Cell) -> CellResult:
 def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     """Play cells that `batch_groups` has put into one group.
 
-    Returns:
-        A result for each, the same as if it were played by itself.
-
-    Raises:
-        CableError: If a name is unknown or a controller cannot be used.
+    The result of each is the same as if it were played by itself. Unknown names, and
+    controllers that cannot be used, are refused.
     """
     made = prepare_episodes(cells)
     batch = made.batch

@@ -84,11 +84,7 @@ class BenchmarkPlan:
         return tuple(dict.fromkeys(names))
 
     def played(self) -> list[Condition]:
-        """Return all conditions.
-
-        Raises:
-            CableError: If a name is unknown.
-        """
+        """Return all conditions; an unknown name is refused."""
         scenes = tuple(dict.fromkeys(self.scenes or self._suite.scenes))
         labels: dict[str, str] = {}
         for scene in scenes:
@@ -117,9 +113,7 @@ class BenchmarkPlan:
     def cells(self) -> list[Cell]:
         """Return all cells, in the order of tables.
 
-        Raises:
-            CableError: If there are none, a name is unknown, or the files of two would
-                have the same name.
+        None, an unknown name, and two whose files would have one name, are refused.
         """
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")

@@ -126,11 +126,7 @@ class Suite:
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:
-        """Return all conditions of a device.
-
-        Raises:
-            CableError: If the suite has no such device.
-        """
+        """Return all conditions of a device; one that the suite lacks is refused."""
         if scene in self.left_out:
             raise CableError(
                 f"the suite has {scene!r} no more: {self.left_out[scene]}; "

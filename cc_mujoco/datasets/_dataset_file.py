@@ -166,12 +166,7 @@ class DatasetFile:
 
 
 def read_dataset_file(path: str | Path) -> DatasetFile:
-    """Read and check a `dataset.toml`; return its columns, rig and trial facts.
-
-    Raises:
-        CableError: The file cannot be read, or has an unknown key or a value that is
-            not allowed.
-    """
+    """Read a `dataset.toml`; unknown keys and impossible values are refused."""
     path = Path(path)
     top = read_toml(path)
     top.only("name", "notes", "columns", "files", "rig", "trials")
@@ -271,13 +266,12 @@ def _facts(table: Table) -> dict[str, Any]:
         if any(start >= stop for start, stop in stretches):
             raise table.wrong("valid", right)
         known["valid"] = tuple(stretches)
-    numbers = "pretension", "temperature", "tilt"
-    for name in (*numbers, "known_motor_torque", "known_joint_torque"):
-        known[name] = table.number(name)
-    for name in ("repeat_of", "load_cell", "occasion", "notes"):
-        known[name] = table.text(name)
-    for name in ("unhooked", "swapped"):
-        known[name] = table.flag(name)
+    torques = "known_motor_torque", "known_joint_torque"
+    numbers = "pretension", "temperature", "tilt", *torques
+    known |= {name: table.number(name) for name in numbers}
+    texts = "repeat_of", "load_cell", "occasion", "notes"
+    known |= {name: table.text(name) for name in texts}
+    known |= {name: table.flag(name) for name in ("unhooked", "swapped")}
     if abs(known["tilt"] or 0.0) > 2.0 * math.pi:
         raise table.wrong("tilt", "an angle in radians, at most a turn either way")
     tension = known["pretension"]

@@ -115,10 +115,7 @@ def read(
     may begin with the `axis`; those that begin with one of `other_axes` are left out.
     `others` are joints whose angles are needed besides that of the driven one, with
     their columns in such logs, and `further` columns are read where the file has them.
-
-    Raises:
-        CableError: a file cannot be read, lacks a column or holds text, or clocks of
-            several share no time, or do not say how they are related.
+    Clocks of several that share no time, or are not known to be related, are refused.
     """
     parts = (TrialFile("", trial, PartFile("")),) if isinstance(trial, Path) else trial
     name = name or parts[0].path.stem

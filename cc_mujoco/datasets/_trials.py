@@ -204,11 +204,7 @@ class Trial:
         return tuple(self._signals)
 
     def channel(self, name: str) -> FloatArray:
-        """Return the samples of a channel by its name, for example `joint_torque_nm`.
-
-        Raises:
-            CableError: the trial has no such channel.
-        """
+        """Return the samples of a channel, as `joint_torque_nm`, or refuse its name."""
         if name == channels.TIME:
             return self.time
         return look_up("channel", name, self._signals)
@@ -265,11 +261,7 @@ class Dataset:
         return bool(self.trials) and all(trial.ends_held for trial in self.trials)
 
     def trial(self, name: str) -> Trial:
-        """Return the trial of that name.
-
-        Raises:
-            CableError: there is none.
-        """
+        """Return the trial of that name; an unknown one is refused."""
         for trial in self.trials:
             if trial.name == name:
                 return trial

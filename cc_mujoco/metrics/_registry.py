@@ -203,10 +203,8 @@ _origins: dict[str, str | Metric] = {}
 def find_metric(given: str | Metric) -> Metric:
     """Return a metric: a name, `MODULE:NAME` of a metric of the user, or the metric.
 
-    One of the user is in `METRICS` from now on.
-
-    Raises:
-        CableError: There is no such metric, or its name cannot be that of a column.
+    One of the user is in `METRICS` from now on. An unknown one, and one whose name
+    cannot be that of a column, is refused.
     """
     found: object = given
     if isinstance(given, str):
@@ -272,8 +270,7 @@ def expand_cable_metrics(
 def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
     """Return the value of each metric of an episode.
 
-    Raises:
-        CableError: A metric of the user raises, or gives what is no real number.
+    One of the user that raises, or gives no real number, is a `CableError`.
     """
     found: dict[Metric, float] = {}
     for metric in metrics:

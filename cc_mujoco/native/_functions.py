@@ -105,7 +105,15 @@ class NativeFunction:
         except TypeError:
             if self._entry is self.py_func:
                 raise
-        return self._call_with_copies(given)
+        kinds = signature_of(self.py_func).arguments.values()
+        if len(kinds) != len(given):
+            return self._entry(*given)
+        copies: list[tuple[Any, Any]] = []
+        pairs = zip(given, kinds, strict=True)
+        result = self._entry(*[_fit(each, kind, copies) for each, kind in pairs])
+        for original, copy in copies:
+            original[...] = copy
+        return result
 
     def __get__(self, owner: Any, kind: Any = None) -> Any:
         return self if owner is None else types.MethodType(self, owner)
@@ -129,19 +137,6 @@ class NativeFunction:
             if inner is not self.py_func:
                 self._entry = lambda *each: make(*inner(*each))
         return self._entry(*given)
-
-    def _call_with_copies(self, given: tuple[Any, ...]) -> Any:
-        kinds = signature_of(self.py_func).arguments.values()
-        if len(kinds) != len(given):
-            return self._entry(*given)
-        copies: list[tuple[Any, Any]] = []
-        fit = [
-            _fit(each, kind, copies) for each, kind in zip(given, kinds, strict=True)
-        ]
-        result = self._entry(*fit)
-        for original, copy in copies:
-            original[...] = copy
-        return result
 
 
 def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:

@@ -132,8 +132,7 @@ class Simulations:
     def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
         """Advance some by physics steps, by default with the controls in their states.
 
-        Raises:
-            mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
+        If MuJoCo raises there is a `SimulationError` of `mujoco.batch`; see `why`.
         """
         # `all` and `any` of NumPy take several times as long for small arrays.
         ids = going if b"\0" in going.tobytes() else None
@@ -303,11 +302,7 @@ class Batch:
 
     @exclusive
     def start(self) -> Columns:
-        """Bring all to the start; see `DrivenDevice.start`.
-
-        Raises:
-            CableError: They have been played.
-        """
+        """Bring all to the start, once; see `DrivenDevice.start`."""
         if self._step:
             raise CableError("a batch is played once; make another one.")
         for row, device in enumerate(self.devices):

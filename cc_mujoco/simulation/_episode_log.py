@@ -100,11 +100,7 @@ class EpisodeLog:
         return self._columns.count
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one column.
-
-        Raises:
-            CableError: If there is no such column; names the nearest match.
-        """
+        """Return one column; of an unknown one the error names the nearest match."""
         return self._columns.known(name)[name]
 
     def __eq__(self, other: object) -> bool:
@@ -140,8 +136,7 @@ class EpisodeLog:
     def axis(self, name: str | None = None) -> EpisodeLog | AxisLog:
         """Return the log of one axis, with plain names; by default of the only one.
 
-        Raises:
-            CableError: There is no such axis, or none is named and there are several.
+        An unknown name, and none where there are several, is refused.
         """
         if name is None and not self.axes:
             return self
@@ -154,11 +149,7 @@ class EpisodeLog:
         return AxisLog(self, name)
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a column in order, at most `PIECE_ROWS` at a time.
-
-        Raises:
-            CableError: If there is no such column.
-        """
+        """Yield the rows of a column in order, at most `PIECE_ROWS` at a time."""
         yield from self._columns.known(name).pieces(name)
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
@@ -200,12 +191,7 @@ class EpisodeLog:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> EpisodeLog:
-        """Read a file that `write` made.
-
-        Raises:
-            CableError: If the file is not Parquet or not an episode log.
-            FileNotFoundError: If there is no such file.
-        """
+        """Read a file that `write` made; see `open` for the errors."""
         log = cls.open(path)
         return cls(log.columns, log.metadata)
 
@@ -481,9 +467,7 @@ class Recorder:
     def record(self, info: Mapping[str, Any]) -> None:
         """Append one sample; keys that are not columns are ignored.
 
-        Raises:
-            CableError: If a column is missing or its list has another length than in
-                the sample before.
+        A missing column, and a list of another length than before, is refused.
         """
         row = []
         for column in self._schema:
@@ -503,11 +487,7 @@ class Recorder:
             self._rows[column.name].append(value)
 
     def log(self) -> EpisodeLog:
-        """Return the samples so far.
-
-        Raises:
-            CableError: If nothing was recorded.
-        """
+        """Return the samples so far, one at least."""
         if not self._rows["time_s"]:
             raise CableError("nothing was recorded: call record(info) at least once.")
         columns = {name: np.stack(rows) for name, rows in self._rows.items()}

@@ -46,10 +46,8 @@ class DrivenDevice(Protocol):
         """Advance a control step with a motor torque [N m], one for all or for each.
 
         Of several axes the torques are (..., axes). That of one device is finite; of
-        several, one whose torque is not has failed.
-
-        Raises:
-            CableError: The episode cannot go on.
+        several, one whose torque is not has failed. Where the episode cannot go on
+        there is a `CableError`.
         """
 
 

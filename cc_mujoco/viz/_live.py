@@ -71,11 +71,7 @@ class Exchangeable(Controller):
         self.switch_controller(name)
 
     def switch_controller(self, name: str) -> None:
-        """Switch to another controller from rest, or keep this one if that fails.
-
-        Raises:
-            CableError: If it cannot.
-        """
+        """Switch to another controller from rest, or raise and keep this one."""
         with controller_errors(name):
             law = control.axes_controller(name, self._drives, self._prefixes)
             law.reset()

@@ -83,21 +83,18 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
         path.open("rb").close()  # the system's reason, where there is one
         # Version 2 is HDF5.
         if not _is_matlab(path) or matfile_version(str(path))[0] == 2:
-            with _h5py(path).File(path, "r") as file:
+            try:
+                import h5py
+            except ModuleNotFoundError:
+                other = "save it with '-v7'" if _is_matlab(path) else "write Parquet"
+                raise CableError(
+                    f"{path} needs h5py to be read: pip install 'cc_mujoco[hdf5]', or "
+                    f"{other}."
+                ) from None
+            with h5py.File(path, "r") as file:
                 yield _hdf5_arrays(file, _is_matlab(path))
         else:
             yield _matlab_arrays(path)
-
-
-def _h5py(path: Path) -> Any:
-    try:
-        import h5py
-    except ModuleNotFoundError:
-        other = "save it with '-v7'" if _is_matlab(path) else "write Parquet"
-        raise CableError(
-            f"{path} needs h5py to be read: pip install 'cc_mujoco[hdf5]', or {other}."
-        ) from None
-    return h5py
 
 
 def _matlab_arrays(path: Path) -> dict[str, _Array]:

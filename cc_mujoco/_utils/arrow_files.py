@@ -53,19 +53,15 @@ def _join_batches(
         for name in names:
             column = batch.column(name)
             if pa.types.is_string(column.type):
-                column = _convert_booleans(column)
+                words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+                for word, number in _BOOLEAN_VALUES.items():
+                    words = pc.if_else(pc.equal(words, word), number, words)
+                column = pc.cast(words, pa.float64())
             numbers = column.to_numpy(zero_copy_only=False)
             pieces[name].append(np.array(numbers, dtype=float))
     empty = [np.empty(0)]
     # One column after the other, so that pieces are freed before the next is joined.
     return {name: np.concatenate(pieces.pop(name, empty)) for name in names}
-
-
-def _convert_booleans(column: pa.StringArray) -> pa.DoubleArray:
-    words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-    for word, number in _BOOLEAN_VALUES.items():
-        words = pc.if_else(pc.equal(words, word), number, words)
-    return pc.cast(words, pa.float64())
 
 
 def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:

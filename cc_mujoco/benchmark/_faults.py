@@ -1,8 +1,4 @@
-"""Faults of sensors and straps that begin during an episode: the suite `safety`.
-
-sensors = FaultySensors("torque-dead", onsets, sensors, ratios, period)
-torque = controller.torque(sensors.measure(columns))
-"""
+"""Faults of sensors and straps that begin during an episode: the suite `safety`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """Conditions of the suite `generic`, which follow from the description of a device.
 
-    generic_conditions("knee.xml")
-
 Trajectory and task of the ordinary condition are those of the device, and the sizes of
 all others follow from it. Names are those of `v1` where they mean the same.
 """

@@ -1,7 +1,5 @@
 """Conditions of the suite `position`: a commanded angle.
 
-    position_conditions("endoscope")
-
 Plants are sampled around the scene as in all suites, and the data sheet is that of the
 scene. Parameters of controllers are those of the scene's own trial (`-stale`), or of a
 trial on the plant itself (`-fitted`).

@@ -31,6 +31,11 @@ class Place(NamedTuple):
     last: int  # last of its possible ranks, 1 is the best
     better_than: tuple[str, ...]
 
+    def __str__(self) -> str:
+        if math.isnan(self.low):
+            return f"{self.score:.3f}"
+        return f"{self.score:.3f} ({self.low:.3f} to {self.high:.3f})"
+
 
 class Difference(NamedTuple):
     mean: float

@@ -228,8 +228,14 @@ def overview_table(results: Results) -> Cells:
         ranked = ranking.rank_controllers(own.errors, plant_names(own.rms))
         places = {place.name: place for place in ranked}
         for law, row in rows.items():
-            known = law in own.rms
-            row.append(_with_price(own, places[law]) if known else "-")
+            known, text = law in own.rms, "-"
+            if known:  # the error with its price: chatter [mN m] and motor peak [N m]
+                costs = "chatter", "peak_motor_torque"
+                chatter, peak = (own.mean_score(law, cost) for cost in costs)
+                is_driven = not (math.isnan(chatter) or math.isnan(peak))
+                price = f"{1e3 * chatter:.3g}, {peak:.2g}" if is_driven else "-, -"
+                text = f"{places[law]}, {price}"
+            row.append(text)
             if some:
                 row.append(f"{failed[law]:.0%}" if known else "-")
     return head, list(rows.values())
@@ -256,7 +262,7 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
         rank = str(place.first)
         if place.last > place.first:
             rank += f" to {place.last}"
-        row = [rank, controller_label(place.name), _score_with_interval(place)]
+        row = [rank, controller_label(place.name), str(place)]
         if compared and place.name != baseline:
             one, other = draws[place.name], draws[baseline]
             mean = place.score - float(np.mean(errors[baseline]))
@@ -340,25 +346,9 @@ def times_table(results: Results) -> Cells:
     return ["controller", *heads], rows
 
 
-def _with_price(own: DeviceResults, place: Place) -> str:
-    """Return an error with its price: chatter [mN m] and motor peak [N m]."""
-    chatter = own.mean_score(place.name, "chatter")
-    peak = own.mean_score(place.name, "peak_motor_torque")
-    error = _score_with_interval(place)
-    if math.isnan(chatter) or math.isnan(peak):  # it gave no torque in any episode
-        return f"{error}, -, -"
-    return f"{error}, {1e3 * chatter:.3g}, {peak:.2g}"
-
-
 def plant_names(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:
     return [plant_key(condition) for condition in rms[SCALE_CONTROLLER]]
 
 
 def controller_label(law: str) -> str:
     return f"*{law}*" if law in REFERENCES else f"`{law}`"
-
-
-def _score_with_interval(place: Place) -> str:
-    if math.isnan(place.low):
-        return f"{place.score:.3f}"
-    return f"{place.score:.3f} ({place.low:.3f} to {place.high:.3f})"

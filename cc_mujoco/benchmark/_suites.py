@@ -1,8 +1,4 @@
-"""Suites: devices, conditions, and numbers of seeds.
-
-SUITES["v1"].conditions("wrist")
-SUITES["generic"].conditions("knee.xml")
-"""
+"""Suites: devices, conditions, and numbers of seeds."""
 
 from __future__ import annotations
 

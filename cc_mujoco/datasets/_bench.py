@@ -1,8 +1,4 @@
-"""The rig as a scene describes it: cables, pulleys and the two joints they connect.
-
-bench = Bench.of("assets/bench.xml")
-bench.replay(dt, motor_angle, joint_angle)
-"""
+"""The rig as a scene describes it: cables, pulleys and the two joints they connect."""
 
 from __future__ import annotations
 
@@ -35,7 +31,7 @@ from cc_mujoco.datasets._coupled_route import (
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
 from cc_mujoco.datasets._rig_table import RATIO_KEY, MomentArm, known_arm
 from cc_mujoco.datasets._trials import Constant
-from cc_mujoco.device import Axis, load_device
+from cc_mujoco.device import load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise
 from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._model import joint_range
@@ -158,9 +154,7 @@ class Bench:
         for cable in self.pulled_by if with_torque else ():
             needed |= dict.fromkeys(cable.others)
         plain = {joint: channels.other_angle(joint) for joint in needed}
-        return {
-            joint: self.angle_columns.get(joint, own) for joint, own in plain.items()
-        }
+        return plain | {j: c for j, c in self.angle_columns.items() if j in needed}
 
     @property
     def other_axes(self) -> tuple[str, ...]:
@@ -405,7 +399,13 @@ class Bench:
                     f"scene {path}: cables {order[0]} and {name} have pulleys of "
                     "different radii; a pull-pull pair shares both pulleys"
                 )
-        centre, reach = _excursion(model, joint, lever, described)
+        index = model.joint(joint).id
+        centre, reach = excursion(model, index)
+        if not model.jnt_limited[index]:
+            reach = math.inf
+        elif described is not None:
+            centre, reach = described.centre, described.reach
+        centre = (1.0 if lever is None else lever.sign) * centre + 0.0
         known = swept_angles(model, joint) if lever is None else lever.joint
         return cls(
             path,
@@ -438,19 +438,6 @@ def _require_axis(source: str | Path) -> None:
     except CableError:
         return
     device.axis()
-
-
-def _excursion(
-    model: mujoco.MjModel, joint: str, lever: Lever | None, axis: Axis | None
-) -> tuple[float, float]:
-    index = model.joint(joint).id
-    centre, reach = excursion(model, index)
-    if not model.jnt_limited[index]:
-        reach = math.inf
-    elif axis is not None:
-        centre, reach = axis.centre, axis.reach
-    sign = 1.0 if lever is None else lever.sign
-    return sign * centre + 0.0, reach
 
 
 class _Ends(NamedTuple):

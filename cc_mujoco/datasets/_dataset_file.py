@@ -182,19 +182,6 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
     )
 
 
-def _is_measured(table: Table, channel: str) -> bool:
-    value = table.flag("measured") is not False
-    if value or channel in (*channels.TORQUES, channels.MOTOR_ANGLE):
-        return value
-    reason = "a channel that was not recorded needs no table"
-    if channel == channels.JOINT_ANGLE:
-        reason = "the joint's angle must be recorded"
-    raise CableError(
-        f"{table.where}: `measured = false` is possible for torques and the motor's "
-        f"angle only; {reason}."
-    )
-
-
 def _source(table: Table, channel: str) -> Source:
     with naming(table.where):
         units = channels.kind_of(channel).factors
@@ -202,7 +189,15 @@ def _source(table: Table, channel: str) -> Source:
         table.only("name")
     elif channel == channels.TIME:
         table.only("name", "unit", "offset")
-    elif not _is_measured(table, channel):
+    elif table.flag("measured") is False:
+        if channel not in (*channels.TORQUES, channels.MOTOR_ANGLE):
+            reason = "a channel that was not recorded needs no table"
+            if channel == channels.JOINT_ANGLE:
+                reason = "the joint's angle must be recorded"
+            raise CableError(
+                f"{table.where}: `measured = false` is possible for torques and the "
+                f"motor's angle only; {reason}."
+            )
         table.only("measured")
         return Source(measured=False)
     else:

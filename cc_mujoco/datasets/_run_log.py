@@ -1,7 +1,4 @@
-"""Run record that `cc-mujoco run` writes next to the rows of a run.
-
-cut_short(Path("data/trial_01.csv"))        # "" or "stopped by SIGTERM."
-"""
+"""Run record that `cc-mujoco run` writes next to the rows of a run."""
 
 from __future__ import annotations
 

@@ -223,7 +223,12 @@ def find_metric(given: str | Metric) -> Metric:
             f"metric {given!r} is called {found.name!r}; it needs a name of letters, "
             "digits and _ that no metric of the package has."
         )
-    _origins[found.name] = _importable(found) or given
+    # `MODULE:NAME` of one that is in the module of its function
+    place = getattr(found.compute, "__module__", "")
+    inside = vars(sys.modules[place]) if place in sys.modules else {}
+    names = (name for name, value in inside.items() if value is found)
+    name = "" if place == "__main__" else next(names, "")
+    _origins[found.name] = f"{place}:{name}" if name else given
     METRICS[found.name] = found
     return found
 
@@ -246,15 +251,6 @@ def metric_key(given: str | Metric) -> str:
         source = str(id(given))
     about = repr((given.unit, given.meaning, given.better, given.test, source))
     return hashlib.sha256(about.encode()).hexdigest()[:24]
-
-
-def _importable(metric: Metric) -> str:
-    """Return `MODULE:NAME` of a metric in the module of its function, or ""."""
-    place = getattr(metric.compute, "__module__", "")
-    inside = vars(sys.modules[place]) if place in sys.modules else {}
-    names = (name for name, value in inside.items() if value is metric)
-    name = "" if place == "__main__" else next(names, "")
-    return f"{place}:{name}" if name else ""
 
 
 def expand_cable_metrics(

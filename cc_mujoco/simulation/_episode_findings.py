@@ -1,10 +1,4 @@
-"""Findings on an episode in sentences, for a user who plays one.
-
-guards = Guards(law, description)
-simulate(device, law, progress=guards.look)     # looks at every control step
-for sentence in (*guards.findings(), *episode_findings(log, model, description, "pi")):
-    print(f"warning: {sentence}")
-"""
+"""Findings on an episode in sentences, for a user who plays one."""
 
 from __future__ import annotations
 

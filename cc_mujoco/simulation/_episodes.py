@@ -113,7 +113,14 @@ class Episodes:
         worlds.clear(np.array(rows, np.intp))
         fresh = self._none.copy()
         for row, rng in zip(rows, random, strict=True):
-            self._apply_plant(row, exo.plants.draw(rng, options))
+            plant = exo.plants.draw(rng, options)
+            if plant is not self._current_plant:
+                exo.device.apply_plant(plant)
+                self._current_plant = plant
+            nominal = exo.plants.nominal
+            if plant is not nominal or self.plants[row] is not nominal:
+                worlds.vary(row, plant)
+            self.plants[row] = plant
             script = exo.author.write(rng)
             self._begin_sensors(row, rng)
             worlds.start(row, exo.device, script)
@@ -122,15 +129,6 @@ class Episodes:
         self.samples[fresh] = 0
         self._actions[fresh] = 0.0
         self._look(self._none, fresh, np.zeros((4, len(fresh))))
-
-    def _apply_plant(self, row: int, plant: Plant) -> None:
-        nominal = self.exo.plants.nominal
-        if plant is not self._current_plant:
-            self.exo.device.apply_plant(plant)
-            self._current_plant = plant
-        if plant is not nominal or self.plants[row] is not nominal:
-            self.worlds.vary(row, plant)
-        self.plants[row] = plant
 
     def _begin_sensors(self, row: int, rng: np.random.Generator) -> None:
         """Begin an episode of the sensors; draw errors of torque if there are any."""

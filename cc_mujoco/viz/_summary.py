@@ -42,8 +42,7 @@ def draw_summary(log: EpisodeLog) -> Figure:
         for row, (axis, own) in enumerate(axes):
             torque = top.add_subplot(grid[2 * row, 0])
             angle = top.add_subplot(grid[2 * row + 1, 0], sharex=torque)
-            _draw_torque(torque, own, axis)
-            _draw_angle(angle, own)
+            _draw_over_time(torque, angle, own, axis)
             draw_loop(top.add_subplot(grid[2 * row : 2 * row + 2, 1]), own)
         _draw_tensions(bottom, log)
         drawing.suptitle(episode_title(log), x=0.012, ha="left", fontsize=13)
@@ -62,26 +61,23 @@ def episode_title(log: EpisodeLog) -> str:
     return "  ·  ".join(parts)
 
 
-def _draw_torque(axes: Axes, log: EpisodeLog | AxisLog, axis: str) -> None:
+def _draw_over_time(
+    torque: Axes, angle: Axes, log: EpisodeLog | AxisLog, axis: str
+) -> None:
     time = log["time_s"]
-    axes.axhline(0, color=GREY, linewidth=0.6)
     motor = PlotLine("motor pulley", log["motor_torque_nm"], GREEN)
-    draw_lines(axes, time, [motor], linewidth=0.9)
+    joint = PlotLine("joint", log["joint_torque_nm"], BLUE)
     desired = PlotLine("desired", log["desired_torque_nm"], ORANGE, dashed=True)
-    draw_lines(axes, time, [PlotLine("joint", log["joint_torque_nm"], BLUE), desired])
-    axes.set(title=f"Torque, {axis}" if axis else "Torque", ylabel="torque [N m]")
-    axes.tick_params(labelbottom=False)
-    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
-
-
-def _draw_angle(axes: Axes, log: EpisodeLog | AxisLog) -> None:
-    time = log["time_s"]
-    axes.axhline(0, color=GREY, linewidth=0.6)
-    for line in axis_angles(log):
-        draw_lines(axes, time, [line], linewidth=0.9 if line.color == GREEN else None)
-    axes.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
-    axes.set_xlim(time[0], time[-1])
-    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+    for axes, lines in (torque, (motor, joint, desired)), (angle, axis_angles(log)):
+        axes.axhline(0, color=GREY, linewidth=0.6)
+        for line in lines:
+            width = 0.9 if line.color == GREEN else None
+            draw_lines(axes, time, [line], linewidth=width)
+        axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+    torque.set(title=f"Torque, {axis}" if axis else "Torque", ylabel="torque [N m]")
+    torque.tick_params(labelbottom=False)
+    angle.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
+    angle.set_xlim(time[0], time[-1])
 
 
 def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:

@@ -106,7 +106,6 @@ def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @internal
 def _stick_all(n: int, new_state: FloatArray) -> None:
-    """Set the slip of every segment to zero: all have stuck."""
     at.slips(new_state, n)[:] = 0.0
     at.slip_speeds(new_state, n)[:] = 0.0
 

@@ -69,7 +69,6 @@ _NODE_WORK = 4
 
 @compiled
 def state_size(n: int) -> int:
-    """Return the length of the state vector of a cable of n segments."""
     return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + 2 * _DRUM_SIZE
 
 
@@ -85,7 +84,6 @@ def rest_wrap(n: int) -> int:
 
 @compiled
 def parameter_size(n: int) -> int:
-    """Return the length of the packed parameter vector of a cable of n segments."""
     return _ROWS_START + 12 * n + 4
 
 
@@ -229,7 +227,6 @@ def drum(state: FloatArray, n: int, end: int) -> FloatArray:
 
 @compiled
 def work_size(n: int) -> int:
-    """Return the length of the scratch vector of a step of a cable of n segments."""
     return (_SOLVER_WORK + _NODE_WORK) * (n + 1) + _STEP_WORK * n
 
 

@@ -98,7 +98,6 @@ def lengths(shape: FloatArray, n: int) -> FloatArray:
 
 @internal
 def _store_vector(shape: FloatArray, n: int, row: int, j: int, v: Point) -> None:
-    """Write a vector at node j, into three rows."""
     _row(shape, n, row)[j] = v.x
     _row(shape, n, row + 1)[j] = v.y
     _row(shape, n, row + 2)[j] = v.z

@@ -45,7 +45,6 @@ class Point(NamedTuple):
 
 @internal
 def place_vector(places: FloatArray, k: int, what: int) -> Point:
-    """Return a vector of place k, for example `FIRST`."""
     i = PLACE_SIZE * k + what
     return Point(places[i], places[i + 1], places[i + 2])
 

@@ -165,10 +165,10 @@ def _find_choices(
 def preslide(n: int, chain: Chain, step: Step) -> bool:
     """Solve one step by the rows of its scratch; return whether a solution was found.
 
-    `at.SPRING` is the stiffness of the bristles of each segment [N/m], `at.HELD` their
-    force [N], in and out. `at.SLIPPED` is the expected slip direction of each segment
-    on input; on output it is the part of its displacement [m] that is slip, not stretch
-    of its bristles.
+    `SPRING` is the stiffness of the bristles of each segment [N/m], `HELD` their force
+    [N], in and out. `SLIPPED` is the expected slip direction of each segment on input;
+    on output it is the part of its displacement [m] that is slip, not stretch of its
+    bristles.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)

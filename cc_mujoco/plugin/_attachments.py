@@ -528,7 +528,6 @@ def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
 
 @internal
 def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool:
-    """Return whether an actuator can, as far as one sees, drive a joint in a sense."""
     if model.actuator_gaintype[actuator] != mjtGain.mjGAIN_FIXED:
         return True
     control = model.actuator_ctrladr[actuator]

@@ -42,7 +42,6 @@ from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _evaluate as evaluating
 from cc_mujoco.plugin import _ffi as ffi
-from cc_mujoco.plugin import _guides as guides
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
@@ -212,7 +211,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
         messages.warn_no_effect(model, instance, block)
         messages.warn_soft_on_drum(model, block)
     if block.route >= 0:
-        guides.warn_missed(model, data, instance, block.route)
+        messages.warn_missed(model, data, instance, block.route)
     messages.warn_cannot_pull(model, instance)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)

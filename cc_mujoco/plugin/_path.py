@@ -195,7 +195,6 @@ def _pull_together(
     model: MjModel, data: MjData, one: _Anchor, other: _Anchor, force: FloatArray,
     target: int,
 ) -> None:  # fmt: skip
-    """Draw two anchors by a force (3,)."""
     if one.body == other.body or ffi.is_zero(force):
         return
     own, torque = np.empty(3), np.zeros(3)

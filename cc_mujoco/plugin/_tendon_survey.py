@@ -21,8 +21,8 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin._ffi import MjData, MjModel
-from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._path import OpenPath
+from cc_mujoco.plugin._warnings import RANDOM_POSES
 
 SWEEP_POSES = 21
 """Poses of one joint, or of all together, from end to end."""

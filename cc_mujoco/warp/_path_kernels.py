@@ -222,7 +222,6 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def repack(rows: CableRows, paths: PathRows, values: wp.array3d(dtype=float)):
-        """Pack the parameters of all led cables anew, in the pose `qpos0`."""
         cable, world = wp.tid()
         row, n = cable * rows.worlds + world, rows.segments[cable]
         if paths.tendons[cable] >= 0:

@@ -37,9 +37,8 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     plain = spec.copy()
     for actuator in plain.actuators:
         if actuator.plugin.plugin_name == PLUGIN:
-            actuator.plugin.active = False
-            actuator.plugin.name = ""
-            actuator.plugin.plugin_name = ""
+            own = actuator.plugin
+            own.active, own.name, own.plugin_name = False, "", ""
             force_of_callback(actuator)
     for plugin in list(plain.plugins):
         if plugin.plugin_name == PLUGIN:

@@ -25,11 +25,11 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _tendon_survey as surveys
 from cc_mujoco.plugin._config import ROLLING
-from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, from_mjcf, instances
 from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
+from cc_mujoco.plugin._warnings import RANDOM_POSES
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -184,6 +184,29 @@ def test_a_bar_in_a_pipe_is_a_line_for_each_state(
     assert all(re.fullmatch(r"episode: .*\| \d\.0 of 2\.0 s", line) for line in lines)
 
 
+@pytest.mark.parametrize("seconds", [1.5, 3.0, 11.0, 40.0])
+def test_a_long_wait_in_a_pipe_is_said_within_seconds_and_not_too_often(
+    seconds: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+    monkeypatch.setattr(command_options, "perf_counter", lambda: now[0])
+    said, seen = [], ""
+    with command_options.progress_bar(seconds, "episode") as progress:
+        for k in range(1, round(10 * seconds) + 1):
+            now[0] = 100.0 + 0.1 * k
+            progress(0.1 * k)
+            if shown := capsys.readouterr().err:
+                said.append(now[0] - 100.0)
+                seen += shown
+    seen += capsys.readouterr().err
+    assert bool(said) is (seconds > 2.0)
+    if said:
+        assert 2.0 <= said[0] < 2.3 and min(np.diff(said), default=10.0) > 9.0
+        assert seen.endswith(f"{seconds:.1f} of {seconds:.1f} s\n")
+        assert len(seen.splitlines()) <= len(said) + 1
+
+
 def test_a_diagnosis_says_what_it_does_however_little_of_the_whole_that_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -20,7 +20,7 @@ def option_help(metavar: str | None = None) -> object:
 
 
 PROGRESS_INTERVAL = 10.0
-"""Time between two bars in a file or a pipe, and before the first [s]."""
+"""Time between two bars in a file or a pipe [s]; the first comes after 2 s."""
 
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Name = Annotated[str | None, option_help("NAME")]
@@ -36,12 +36,21 @@ Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], option_help()]
 
 
 class _Lines:
-    """Standard error for a bar of tqdm, each state of which is a line of its own."""
+    """Standard error for a bar of tqdm, some states of which are lines of their own."""
+
+    def __init__(self) -> None:
+        self._due = 0.0
+        self._held = ""
 
     def write(self, text: str) -> None:
-        """Write a state; what only moves or clears the cursor is left out."""
-        if line := text.strip("\r\n").rstrip():
-            sys.stderr.write(f"{line}\n")
+        """Write a state; what only moves or clears the cursor is left out.
+
+        Between two lines there are at least `PROGRESS_INTERVAL`, but before the last.
+        """
+        self._held = text.strip("\r\n").rstrip() or self._held
+        if self._held and (text == "\n" or perf_counter() >= self._due):
+            sys.stderr.write(f"{self._held}\n")
+            self._held, self._due = "", perf_counter() + PROGRESS_INTERVAL
 
     def flush(self) -> None:
         sys.stderr.flush()
@@ -51,8 +60,8 @@ def progress_options() -> dict[str, Any]:
     """Return options of a bar of tqdm: where there is no terminal, a line at times."""
     if sys.stderr.isatty():
         return {}
-    interval = {"delay": PROGRESS_INTERVAL, "mininterval": PROGRESS_INTERVAL}
-    return {"file": _Lines(), **interval}
+    first = min(2.0, PROGRESS_INTERVAL)
+    return {"file": _Lines(), "delay": first, "mininterval": first}
 
 
 @contextmanager

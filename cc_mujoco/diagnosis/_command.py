@@ -162,6 +162,7 @@ class Diagnose:
 
         speed = Limit.default_speed if self.speed is None else self.speed
         limits: Any = {"axis": self.axis, "reach": self.reach, "speed": speed}
+        print(f"choosing trials for {scene}", file=sys.stderr, flush=True)
         found = plan(scene, self.out, dataset_toml=self.dataset, **limits)
         for motion in found.trials:
             print(f"  {motion.description}")

@@ -38,7 +38,7 @@ class Chain(NamedTuple):
     distal_q: float
 
 
-class Motion(NamedTuple):
+class ChainMotion(NamedTuple):
     """Motion of a chain in a step: a guess, or the solution."""
 
     direction: FloatArray  # way in which each segment slips, 0 where it rests (n,)
@@ -62,7 +62,7 @@ def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float,
 
 @internal
 def solve(
-    n: int, chain: Chain, lines: FloatArray, motion: Motion, work: FloatArray
+    n: int, chain: Chain, lines: FloatArray, motion: ChainMotion, work: FloatArray
 ) -> None:
     """Compute displacements and tensions of a step with known slack nodes.
 
@@ -136,7 +136,7 @@ def lay_evenly(
 
 
 @internal
-def lay_slack(n: int, chain: Chain, free: FloatArray, motion: Motion) -> None:
+def lay_slack(n: int, chain: Chain, free: FloatArray, motion: ChainMotion) -> None:
     """Lay all slack cable evenly that nothing holds.
 
     `free` is not 0 where a segment has no friction without tension (n,).

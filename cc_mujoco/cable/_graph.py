@@ -30,14 +30,14 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains
-from cc_mujoco.cable._chain_solve import Chain, Motion
+from cc_mujoco.cable._chain_solve import Chain, ChainMotion
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
 from cc_mujoco.native import FloatArray, compiled, internal
 
 
 @internal
 def solve_marked(
-    n: int, chain: Chain, motion: Motion, lines: FloatArray, work: FloatArray
+    n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> None:
     """Solve a step whose slip and slack nodes are known, and lay the slack cable."""
     drag, viscosity = chain.drag, chain.viscosity
@@ -68,7 +68,7 @@ def solve_marked(
 
 @internal
 def solve_with_slack(
-    n: int, chain: Chain, motion: Motion, lines: FloatArray, work: FloatArray
+    n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> bool:
     """Solve one step in which any node may be or become slack; return if found.
 
@@ -154,7 +154,7 @@ def _evaluate_graph(
 
 @internal
 def _read_solution(
-    n: int, label: FloatArray, passed: int, count: int, motion: Motion
+    n: int, label: FloatArray, passed: int, count: int, motion: ChainMotion
 ) -> None:
     """Read off which way each segment slips and which nodes are slack.
 
@@ -181,7 +181,7 @@ def _read_solution(
 
 
 @internal
-def solve_by_graph(n: int, chain: Chain, motion: Motion, work: FloatArray) -> None:
+def solve_by_graph(n: int, chain: Chain, motion: ChainMotion, work: FloatArray) -> None:
     """Solve one step from any state, coefficients fixed; `work` as in `sweep`."""
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     proximal_p, proximal_q = chain.proximal_p, chain.proximal_q
@@ -265,7 +265,7 @@ def sweep(
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step from any state; `shift` and `node` as in `Motion`, out.
+    """Solve one step from any state; `shift` and `node` as in `ChainMotion`, out.
 
     `last` is how each segment slipped in the step before (n,). `growth_distal` and
     `growth_proximal` are E of slip that way. `work` holds (11 n + 11,). What segments
@@ -274,7 +274,7 @@ def sweep(
     tension, stiffness, drag = chain.tension, chain.stiffness, chain.drag
     size = 6 * n + 9  # what comes before it is free outside of the graph
     marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
-    motion, lines = Motion(marks[:n], marks[n:], shift, node), work[: 3 * n]
+    motion, lines = ChainMotion(marks[:n], marks[n:], shift, node), work[: 3 * n]
     for i in range(n + 1):
         motion.slack[i] = 1.0 if tension[i] <= 0.0 else 0.0
     for s in range(n):

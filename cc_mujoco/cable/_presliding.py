@@ -23,7 +23,7 @@ import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains
 from cc_mujoco.cable import _layout as at
-from cc_mujoco.cable._chain_solve import Chain, Motion
+from cc_mujoco.cable._chain_solve import Chain, ChainMotion
 from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
 
@@ -63,7 +63,7 @@ def _node_tension(i: int, n: int, chain: Chain, shift: FloatArray) -> float:
 
 @internal
 def _solve_choices(
-    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: Motion,
+    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
     """Solve for the displacements by elimination, with `work` of `_find_choices`."""
@@ -100,7 +100,7 @@ def _solve_choices(
 
 @internal
 def _find_choices(
-    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: Motion,
+    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
     """Find which way each segment slips and which nodes are slack.
@@ -176,7 +176,7 @@ def preslide(n: int, chain: Chain, step: Step) -> bool:
     growth_distal = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
-    motion = Motion(slip_direction, slack, shift, node)
+    motion = ChainMotion(slip_direction, slack, shift, node)
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
     free = rest[2 * n :]

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.cable._chain_solve import Chain, Motion
+from cc_mujoco.cable._chain_solve import Chain, ChainMotion
 from cc_mujoco.cable._fronts import CoulombChain, march
 from cc_mujoco.cable._graph import solve_by_graph, solve_with_slack, sweep
 from cc_mujoco.native import FloatArray
@@ -123,9 +123,9 @@ def solve_both(
         tension, stiffness, growth, growth, drag, none, proximal_p, stiffness[0],
         distal_p, stiffness[n],
     )  # fmt: skip
-    first = Motion(np.zeros(n), np.zeros(n + 1), right[:n], right[n:])
+    first = ChainMotion(np.zeros(n), np.zeros(n + 1), right[:n], right[n:])
     solve_by_graph(n, given, first, work)
-    second = Motion(guess[:n], guess[n:], found[:n], found[n:])
+    second = ChainMotion(guess[:n], guess[n:], found[:n], found[n:])
     return solve_with_slack(n, given, second, work[: 3 * n], work[3 * n :])
 
 

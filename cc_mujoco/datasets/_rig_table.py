@@ -40,17 +40,12 @@ RIG_CONSTANTS: dict[str, dict[str, float]] = {
     "load_hanging_angle": channels.ANGLE.factors,
     "gain_uncertainty": _DIMENSIONLESS,
 }
-"""Constants that `[rig]` may give, with units, SI first.
+"""Constants that `[rig]` may give, with units, SI first; `dataset.toml` beside this
+module says what they mean.
 
-The first five stand in place of the scene's: `axial_stiffness` is EA, `friction` the
-coefficient mu; everything else about the rig (conduits, lengths, wrap) is in the scene,
-but for `exit_angle`: how far around the motor's pulley the antagonist leaves it from
-where the agonist does (pi unless given: conduits side by side, one on either side).
-`rotor_inertia`, at the pulley, is what the motor's torque turns before it reaches the
-cables, where the torque is commanded or follows from the current.
-The load is what the joint turns, itself included: a spring that is at rest at
-`load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
-its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
+The first five stand in place of the scene's; everything else about the rig (conduits,
+lengths, wrap) is in the scene, but for `exit_angle` (pi unless given: conduits side by
+side, one on either side). The load is what the joint turns, itself included. None but
 the angles is negative."""
 LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""

@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+
+from cc_mujoco._utils.csv_files import read_sheet
 
 
 @dataclass(frozen=True)
@@ -35,46 +38,20 @@ TIME_COLUMN, POSE_COLUMN = (
     LogColumn("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
 )
 
-AXIS_COLUMNS = (
-    LogColumn("motor_angle_rad", "rad", "angle of the motor pulley"),
-    LogColumn("motor_velocity_rad_s", "rad/s", "angular velocity of the motor pulley"),
-    LogColumn("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
-    LogColumn("joint_angle_rad", "rad", "angle of the wearer's joint"),
-    LogColumn(
-        "joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint",
-    ),
-    LogColumn("joint_torque_nm", "N m", "torque that the cables put into the joint"),
-    LogColumn(
-        "winding_angle_rad", "rad",
-        "angle of a round pulley of the neutral arm that the cable is wound on",
-    ),
-    LogColumn("winding_velocity_rad_s", "rad/s", "angular velocity of that pulley"),
-    LogColumn("leverage_ratio", "1", "arm of the joint over that of the pulley"),
-    LogColumn("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
-    LogColumn("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
-    LogColumn("reference_angle_rad", "rad", "angle that the wearer aims for"),
-    LogColumn("phase_sine", "1", "sine of the phase of the wearer's cycle"),
-    LogColumn("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
-)  # fmt: skip
-"""Columns that every log has for each axis; of several they begin with its name."""
 
-CABLE_COLUMNS = (
-    LogColumn("tension_{cable}_proximal_n", "N", "tension at the motor end"),
-    LogColumn("tension_{cable}_distal_n", "N", "tension at the joint end"),
-    LogColumn("moving_{cable}_fraction", "1", "part of the cable that slips"),
-    LogColumn("slack_{cable}_m", "m", "cable length that hangs slack"),
-    LogColumn("dissipated_{cable}_j", "J", "energy lost to friction since the start"),
-    LogColumn(
-        "tension_{cable}_nodes_n", "N",
-        "tension at the nodes, from the motor end to the joint end", True,
-    ),
-    LogColumn(
-        "slip_{cable}_direction", "1",
-        "slip of the segments: 1 towards the joint, -1 towards the motor, 0 stuck",
-        True, "int8",
-    ),
-)  # fmt: skip
-"""Columns that every log has for each cable."""
+def _columns(of: str) -> tuple[LogColumn, ...]:
+    """Return the columns of `log_columns.csv` that are of an axis, or of a cable."""
+    sheet = read_sheet(Path(__file__).with_name("log_columns.csv"))
+    rows = (row.cells for row in sheet.rows if row.cells[0] == of)
+    return tuple(
+        LogColumn(name, unit, meaning, kind == "list", dtype)
+        for _, name, unit, kind, dtype, meaning in rows
+    )
+
+
+AXIS_COLUMNS, CABLE_COLUMNS = _columns("axis"), _columns("cable")
+"""Columns that every log has for each axis, of several begun with its name, and for
+each cable."""
 
 
 def columns_for(

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -42,20 +42,26 @@ Law = str | Controller | Callable[..., Any] | Mapping[str, Any]
 the second by the name of an axis."""
 
 
+class _Settings(TypedDict, total=False):
+    """Arguments of `simulate` that are alike for one plant and several."""
+
+    trajectory: str | Path | Trajectory | None
+    task: TaskChoice
+    duration: float
+    sensing: Sensing | None
+    threads: int
+    about: Mapping[str, Any] | None
+    progress: Callable[[float], object] | None
+
+
 @overload
 def simulate(
     plants: str | Path | Device | Plant,
     controller: Law | None = ...,
     *,
-    trajectory: str | Path | Trajectory | None = ...,
-    task: TaskChoice = ...,
     seed: int = ...,
-    duration: float = ...,
-    sensing: Sensing | None = ...,
-    threads: int = ...,
-    about: Mapping[str, Any] | None = ...,
-    progress: Callable[[float], object] | None = ...,
     file: str | Path | None = ...,
+    **settings: Unpack[_Settings],
 ) -> EpisodeLog: ...
 
 
@@ -64,14 +70,8 @@ def simulate(
     plants: list[Any] | tuple[Any, ...],
     controller: Law | None = ...,
     *,
-    trajectory: str | Path | Trajectory | None = ...,
-    task: TaskChoice = ...,
     seed: int | Sequence[int] = ...,
-    duration: float = ...,
-    sensing: Sensing | None = ...,
-    threads: int = ...,
-    about: Mapping[str, Any] | None = ...,
-    progress: Callable[[float], object] | None = ...,
+    **settings: Unpack[_Settings],
 ) -> list[EpisodeLog]: ...
 
 

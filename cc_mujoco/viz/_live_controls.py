@@ -57,7 +57,7 @@ class Knobs:
         own = () if controller in known else (controller,)
         self._laws: tuple[str, ...] = (*own, *known) if controller else ()
         self._law = self._laws.index(controller) if controller else 0
-        self._friction = self._pretension = 0.0
+        self._steps = [0.0, 0.0]  # of friction and pretension from the scene's
         self.paused = False
         """True while the episode stands still."""
         self.restart = False
@@ -68,10 +68,10 @@ class Knobs:
     def press(self, key: int) -> None:
         """Take a key; those that mean nothing are ignored."""
         step = 1 if key in (UP, HOME, RIGHT) else -1
-        if key in (UP, DOWN):
-            self._friction = self._clamped(self._friction + step)
-        elif key in (HOME, END):
-            self._pretension = self._clamped(self._pretension + step)
+        if key in (UP, DOWN, HOME, END):
+            which = 0 if key in (UP, DOWN) else 1
+            steps = max(self._steps[which] + step, float(-MAX_STEPS))
+            self._steps[which] = min(steps, float(MAX_STEPS))
         elif key in (RIGHT, LEFT) and self._laws:
             self._law = (self._law + step) % len(self._laws)
         elif key == SPACE:
@@ -80,10 +80,6 @@ class Knobs:
             self.restart, self.paused = True, False
         elif key == ESCAPE:
             self.quit = True
-
-    @staticmethod
-    def _clamped(steps: float) -> float:
-        return min(max(steps, float(-MAX_STEPS)), float(MAX_STEPS))
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
@@ -112,10 +108,8 @@ class Knobs:
         """Set slider `which` to a value, clipped to its ends."""
         _, low, high = self.sliders[which]
         value = min(max(value, low), high)
-        if which == 0:
-            self._friction = math.log(value, STEP_FACTOR)
-        elif which == 1:
-            self._pretension = math.log(value, STEP_FACTOR)
+        if which < 2:
+            self._steps[which] = math.log(value, STEP_FACTOR)
         else:
             self._law = round(value)
 
@@ -126,12 +120,12 @@ class Knobs:
     @property
     def friction(self) -> float:
         """Friction over that of the scene, of all cables."""
-        return float(STEP_FACTOR**self._friction)
+        return float(STEP_FACTOR ** self._steps[0])
 
     @property
     def pretension(self) -> float:
         """Pretension over that of the scene, of all cables."""
-        return float(STEP_FACTOR**self._pretension)
+        return float(STEP_FACTOR ** self._steps[1])
 
     def options(self, pretension: float | None = None) -> dict[str, float]:
         """Return the plant's options for a reset of the environment.

@@ -22,7 +22,8 @@ def exclusive(method: Method) -> Method:
     @functools.wraps(method)
     def call(self: Any, *given: Any, **named: Any) -> Any:
         own = (get_ident(),)
-        user = self.__dict__.setdefault("_thread", own)  # at once, even between threads
+        # At once, even between threads
+        user = self.__dict__.setdefault("_used_by_thread", own)
         if user is not own and user != own:
             raise CableError(
                 f"a {type(self).__name__} is called by one thread while another is "
@@ -32,6 +33,6 @@ def exclusive(method: Method) -> Method:
             return method(self, *given, **named)
         finally:
             if user is own:
-                del self.__dict__["_thread"]
+                del self.__dict__["_used_by_thread"]
 
     return cast("Method", call)

@@ -133,10 +133,7 @@ class Column(NamedTuple):
 
 
 def read_course(
-    path: Path,
-    columns: Sequence[Column],
-    interval: float = 0.0,
-    is_rising: bool = True,
+    path: Path, columns: Sequence[Column], interval: float = 0.0, is_rising: bool = True
 ) -> tuple[FloatArray, ...]:
     """Return columns over one that increases, without the rows that are all blank.
 

@@ -67,7 +67,7 @@ def run_here(
     shares = dict.fromkeys(pieces, 0.0)
     stopped, lock = threading.Event(), threading.Lock()
 
-    def tell(number: int, share: float) -> None:
+    def report(number: int, share: float) -> None:
         with lock:
             shares[number] = share * job.size(pieces[number])
             progress(sum(shares.values()))
@@ -76,7 +76,7 @@ def run_here(
         def tick(share: float) -> None:
             if stopped.is_set():
                 raise _StoppedError
-            tell(number, share)
+            report(number, share)
 
         return job.do(pieces[number], tick)
 
@@ -113,7 +113,7 @@ def run_here(
                 number = queue.pop(future)
                 result = future.result()
                 if processes:
-                    tell(number, 1.0)
+                    report(number, 1.0)
                 yield number, result
     except BaseException:  # what else is under way is not wanted any more
         for worker in set(multiprocessing.active_children()) - others:

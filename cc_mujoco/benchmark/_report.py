@@ -92,10 +92,7 @@ def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
             "difference leaves out 0, for all pairs at once:",
             ranks_table(own.rms, baseline),
         ),
-        (
-            "Normalised error by condition, mean over seeds:",
-            conditions_table(own),
-        ),
+        ("Normalised error by condition, mean over seeds:", conditions_table(own)),
         ("All scores, mean over conditions and seeds:", scores_table(own)),
         (
             "Plants sampled in the ordinary condition, in brackets the values that "

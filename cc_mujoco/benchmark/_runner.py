@@ -174,10 +174,7 @@ class BenchmarkPlan:
 
 
 def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, Any]:
-    """Return the provenance of results: code, versions, files of the user.
-
-    The controllers were made before; scenes are names and files of devices.
-    """
+    """Return the code, versions and user's files of controllers that were made."""
     found = controller_provenance(*controllers)
     for scene in dict.fromkeys(scenes):
         found["files"] |= file_digests(find_device(scene).files, Path(scene).parent)

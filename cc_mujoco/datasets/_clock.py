@@ -399,12 +399,11 @@ def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
     values = {}
     for channel, value in track.values.items():
         digit = track.digits.get(channel, 0.0) if channel in ANGLES else 0.0
-        values[channel] = np.concatenate(
-            [
-                interpolate_readings(grid, time[part], value[part], digit)
-                for grid, part in zip(grids, segments, strict=True)
-            ]
-        )
+        pieces = [
+            interpolate_readings(grid, time[part], value[part], digit)
+            for grid, part in zip(grids, segments, strict=True)
+        ]
+        values[channel] = np.concatenate(pieces)
     problem = (
         f" is off an even clock by up to {1e3 * off:.3g} ms; the readings were "
         f"interpolated at {1 / step:.5g} Hz."

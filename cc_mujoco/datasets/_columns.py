@@ -112,11 +112,7 @@ def _spelled_columns(channel: str, names: Sequence[str]) -> list[str]:
 
 
 def _missing_column(
-    where: str,
-    channel: str,
-    name: str,
-    names: Sequence[str],
-    used: Sequence[str] = (),
+    where: str, channel: str, name: str, names: Sequence[str], used: Sequence[str] = ()
 ) -> CableError:
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     if channel != name:
@@ -129,16 +125,9 @@ def _missing_column(
     if twice := [n for n in dict.fromkeys(names) if names.count(n) > 1]:
         missing += f" ({' and '.join(map(repr, twice))} more than once)"
     measured = channels.kind_of(channel)
-    taken = {
-        own for other in channels.REQUIRED_CHANNELS for own in channels.spellings(other)
-    }
-    free = [
-        n
-        for n in names
-        if n not in (*taken, *used)
-        and not channels.tension_channel(n)
-        and not _names_other_side(n, channel)
-    ]
+    taken = {*used}.union(*map(channels.spellings, channels.REQUIRED_CHANNELS))
+    free = [n for n in names if n not in taken and not channels.tension_channel(n)]
+    free = [n for n in free if not _names_other_side(n, channel)]
     same_kind = [n for n in free if channels.unit_of(n, measured)]
     if column := _nearest_name(name, same_kind, 0.0):
         return CableError(

@@ -153,16 +153,16 @@ def _impacts(
     recording: Recording, channel: str, rows: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Return the rows of a load that are a real impact, seen by another load, too."""
-    felt = np.zeros(rows.size, dtype=bool)
+    seen = np.zeros(rows.size, dtype=bool)
     if channel in recording.clocks or not rows.size:
-        return felt
+        return seen
     for other, readings in recording.values.items():
         same = other != channel and other not in recording.clocks
         if not same or channels.kind_of(other) not in _LOADS:
             continue
         moved = np.abs(readings[rows] - readings[rows - 1])
-        felt |= moved > 3.0 * _usual_change(readings)  # usual large changes
-    return felt
+        seen |= moved > 3.0 * _usual_change(readings)  # usual large changes
+    return seen
 
 
 def _frozen(readings: FloatArray) -> list[slice]:

@@ -99,11 +99,8 @@ class SingleCell(NamedTuple):
                     radius = torque_radius(torque, bench)
                     rest = bench.cables[0].pretension if not pretension else pretension
                     return cls(row, cable, -radius if cable else radius, rest)
-        every = [
-            names[0]
-            for end in END_OF_TORQUE.values()
-            for names in _cell_names(end, bench)
-        ]
+        ends = END_OF_TORQUE.values()
+        every = [names[0] for end in ends for names in _cell_names(end, bench)]
         raise CableError.unknown("load cell", channel, every)
 
     def torque(self, tension: FloatArray) -> FloatArray:
@@ -131,26 +128,21 @@ def pull_torque(
 
 
 def cells_at_end(torque: str, trial: Trial) -> list[str]:
-    return [
-        name for name in trial.tensions if is_cell_at_end(name, END_OF_TORQUE[torque])
-    ]
+    end = END_OF_TORQUE[torque]
+    return [name for name in trial.tensions if is_cell_at_end(name, end)]
 
 
 def compare_with_sensor(
     torque: str, trials: Sequence[Trial], bench: Bench | None
 ) -> list[DataFinding]:
-    having = [
-        trial
-        for trial in trials
-        if cells_at_end(torque, trial)
-        and not is_cell_at_end(trial.facts.load_cell, END_OF_TORQUE[torque])
-    ]
+    end = END_OF_TORQUE[torque]
+    having = [t for t in trials if not is_cell_at_end(t.facts.load_cell, end)]
+    having = [trial for trial in having if cells_at_end(torque, trial)]
     if not having:
         return []
     sensor = having[0].labels.get(torque, torque)
-    cells = list_words(
-        [having[0].labels.get(n, n) for n in cells_at_end(torque, having[0])]
-    )
+    names = cells_at_end(torque, having[0])
+    cells = list_words([having[0].labels.get(name, name) for name in names])
     message = f"Beside {sensor} there are {cells}: the diagnosis compares the former"
     _, wrong = check_cells(torque, having, bench)
     # The joint feels pieces of a path, and these may not be the last one.

@@ -43,12 +43,9 @@ def add_derived_torques(
         instrument, problems = _instrument(torque, trials, file, bench)
         findings += problems
         if instrument == "load cells" and bench is not None:
-            made = [
-                _with_torque(
-                    trial, torque, *load_cells.pull_torque(trial, torque, bench)
-                )
-                for trial in made
-            ]
+            pulls = [load_cells.pull_torque(trial, torque, bench) for trial in made]
+            pairs = zip(made, pulls, strict=True)
+            made = [_with_torque(trial, torque, *pull) for trial, pull in pairs]
         elif instrument == "motor current":
             made = [_with_current_torque(trial, file.rig) for trial in made]
         elif instrument != "torque sensor":
@@ -105,11 +102,8 @@ def derived_noise(
     found: dict[str, Noise] = {}
     for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
         if instrument == "load cells" and bench is not None:
-            parts = [
-                noise[n]
-                for n in noise
-                if load_cells.is_cell_at_end(n, load_cells.END_OF_TORQUE[torque])
-            ]
+            end = load_cells.END_OF_TORQUE[torque]
+            parts = [noise[n] for n in noise if load_cells.is_cell_at_end(n, end)]
             size = load_cells.torque_radius(torque, bench)
         elif instrument == "motor current":
             parts = [noise[n] for n in noise if n == channels.MOTOR_CURRENT]

@@ -677,7 +677,7 @@ class _CWriter(Writer):
         if found in NUMBERS:
             element = NUMBERS[found]
             return Value(f"(*({element.c} *){at})", element)
-        # Of an array behind a pointer the structure does not tell the size.
+        # Of an array behind a pointer the structure has no size.
         sizes: tuple[str, ...] = (str(getattr(found, "_length_", "")),)
         to = found._type_
         if issubclass(to, ctypes.Structure):

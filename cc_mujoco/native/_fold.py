@@ -269,7 +269,7 @@ class _Folder(ast.NodeTransformer):
             if not isinstance(value, ast.Constant):
                 left.append(value)
             elif bool(value.value) is decides:
-                # What stands before it has been asked for nothing but its answer.
+                # What stands before it has no effect but its value.
                 return ast.Constant(decides)
         if not left:
             return ast.Constant(not decides)

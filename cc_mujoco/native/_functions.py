@@ -120,7 +120,7 @@ class NativeFunction:
 
     def _load(self, *given: Any) -> Any:
         if self.key.startswith("cc_mujoco."):
-            found = native_library.entry(self.key)
+            found = native_library.entries().get(self.key)
         else:
             module = self.py_func.__module__
             found = own_entries(

@@ -48,12 +48,8 @@ _lock = threading.RLock()
 _does_without = False
 
 
-def entry(key: str) -> Callable[..., Any] | None:
-    return _entries().get(key)
-
-
 @cache
-def _entries() -> dict[str, Callable[..., Any]]:
+def entries() -> dict[str, Callable[..., Any]]:
     return methods(library())
 
 
@@ -322,7 +318,7 @@ def build_library(place: Path) -> Path:
     head = Path(__file__).with_name("native.h").read_text()
     stamp.write_text("\n".join([head, *identity(), ""]))
     stamped = place / "stamp.o"
-    # First what is short: a compiler of no use is told of before seconds of writing.
+    # First what is short: a compiler of no use fails before seconds of writing.
     run([*compiler(), *FLAGS, "-fPIC", "-c", str(stamp), "-o", str(stamped)], stamped)
     write_source(source)
     return compile_library(place / CARRIED.name, *_units(source), stamped)

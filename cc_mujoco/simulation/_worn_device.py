@@ -230,8 +230,7 @@ class WornDevice:
                     "controllers let it go."
                 )
             ends = (demand.min(), demand.max(), least, most)
-            texts = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
-            low, high, weakest, strongest = texts
+            low, high, weakest, strongest = (f"{round(e, 3) + 0.0:.4g}" for e in ends)
             return (
                 f"the task asks for {low} to {high} N m at joint {axis.joint!r}, "
                 f"where the motor gives {weakest} to {strongest} N m even without "

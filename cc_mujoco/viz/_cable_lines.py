@@ -223,8 +223,7 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     near_end, far_end = places
     lengths = {}
     for one, other in itertools.product(near_end, far_end):
-        apart = np.linalg.norm(far_end[other] - near_end[one])
-        lengths[one, other] = float(apart)
+        lengths[one, other] = float(np.linalg.norm(far_end[other] - near_end[one]))
     straight = _Straight(ends, min(lengths, key=lambda sides: lengths[sides]))
     path = straight.path(model, data)
     short = 1e-3 * float(model.stat.extent)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.diagnosis._fit import problem as fitting
-from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
 from cc_mujoco.diagnosis._fit.intervals import IMPLAUSIBLE_PREFIX, plausible_size
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Masks, Problem
 from cc_mujoco.diagnosis._fit.trials import extreme_condition
@@ -474,7 +473,7 @@ def judge(found: Found) -> Diagnosis:
     most = max((found.misfits[name] for name in unhooked), default=0.0)
     kind, statement = verdict_of(found, beyond, stretch, most)
     statement += declared_sentence(plant.library.declared)
-    left = floor_ratios(found.held.gap)[1]
+    left = fitting.floor_ratios(found.held.gap)[1]
     belief = None
     if search.interrupted:
         if not found.effects:
@@ -586,7 +585,8 @@ def _verdict(
     little = explained < Limit.min_explained_share or left > Limit.max_explained_error
     named = effect_names(missing)
     takes = f"takes {format_share(explained)} of the RMS error above the noise"
-    if left > Limit.max_misfit and little and overall_share(gap) < Limit.min_gap_closed:
+    closed = fitting.overall_share(gap)
+    if left > Limit.max_misfit and little and closed < Limit.min_gap_closed:
         return "unknown", (
             f"Something is missing{_describe_implausible(search)}. What comes closest "
             f"is {named}: it {takes} and leaves {format_number(left)} times the "
@@ -617,7 +617,7 @@ def _verdict(
 
 
 def _model_statement(found: Found, stretch: Stretch | None) -> str:
-    before, after = floor_ratios(found.held.gap)
+    before, after = fitting.floor_ratios(found.held.gap)
     changes = [
         f"the {channel_name(name)} "
         f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "

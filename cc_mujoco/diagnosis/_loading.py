@@ -210,7 +210,7 @@ def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding
 
 
 def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> None:
-    """Count the joint of a log, which counts as the scene, as data do."""
+    """Make the joint's quantities in a log positive where the cable pulls."""
     if bench.lever is None or bench.lever.sign > 0.0:
         return
     for channel in (channels.JOINT_ANGLE, channels.JOINT_TORQUE):

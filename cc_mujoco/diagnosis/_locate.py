@@ -24,7 +24,6 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._fit import trials
-from cc_mujoco.diagnosis._fit.fit import traces
 from cc_mujoco.diagnosis._fit.problem import BOOTSTRAP_BLOCK, Problem
 from cc_mujoco.diagnosis._fit.trials import TrialDifferences
 from cc_mujoco.diagnosis._phrases import (
@@ -304,6 +303,17 @@ _AXES: tuple[tuple[str, str, Callable[[TrialTrace], FloatArray]], ...] = (
 """Quantities along which the error may lie, with units; "" is the last torque."""
 
 
+def _traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace, ...]:
+    names, found = problem.plant.instruments.channels, []
+    for record, *torques in zip(problem.plant.records, before, after, strict=True):
+        rows = record.measured, *torques
+        seen, old, new = (dict(zip(names, each, strict=True)) for each in rows)
+        motion = record.time, record.motor_angle, record.joint_angle
+        counts = record.counts.astype(float)
+        found.append(TrialTrace(record.trial, *motion, seen, old, new, counts))
+    return tuple(found)
+
+
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
     """Return the maps of all channels and axes, the most explanatory first."""
     random = np.random.default_rng(seed)
@@ -419,7 +429,7 @@ def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
     ids, visible = tuple(sign.id for sign in signs), [sign.visible for sign in signs]
     table = table.reshape(len(signs), len(signs))
     isolability = Isolability(ids, table, np.array(visible))
-    shown = traces(found.problem, before, after)
+    shown = _traces(found.problem, before, after)
     drawn = error_maps(shown, fitted.settings.seed)
     places = error_places(found, drawn, differences)
     errors = trials.trial_errors(fitted.problem, before, after, model)
@@ -434,7 +444,7 @@ def error_places(
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)
     after = result.problem.torques(result.x)
-    seen = traces(problem, before, after)
+    seen = _traces(problem, before, after)
     off, left = (_noise_ratios(problem, played) for played in (before, after))
     ranked = sorted(off, key=lambda name: -off[name])
     worst = ranked[0]

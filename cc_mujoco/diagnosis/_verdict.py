@@ -181,7 +181,8 @@ class Where:
 class Gap:
     """RMS error of one channel on held-out data, before and after.
 
-    Samples are weighted by how well the angles determine the torque.
+    Samples are weighted by how well the angles determine the torque: where an end of
+    the cable sticks, a handful of them would outweigh all others.
     """
 
     rmse_before: float  # of the baseline

@@ -10,10 +10,7 @@ stretch gives the stiffness, and a coarse grid of simulations the rest. Where no
 the grid is much better than the scene, the scene is the start.
 
 The baseline holds all that is uncertain of the scene and is fitted before anything is
-named, by a simulation that is as fine as the noise floor requires. Held-out errors are
-weighted by how well the angles determine the torque at that moment: where an end of the
-cable sticks, the last digit of its angle is worth newtons, and a handful of such
-samples would outweigh all others.
+named, by a simulation that is as fine as the noise floor requires.
 """
 
 from __future__ import annotations
@@ -26,7 +23,6 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import TORQUE
@@ -36,8 +32,6 @@ from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._fit.problem import (
     CrossValidation,
-    Folds,
-    Masks,
     Problem,
     TorqueDerivatives,
 )
@@ -46,7 +40,7 @@ from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Arrays, Filtering, Record, prepare
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace, Verdict
+from cc_mujoco.diagnosis._verdict import Diagnosis, Verdict
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects._effect import Effect, EffectError
 from cc_mujoco.estimation._least_squares import Fit
@@ -287,47 +281,6 @@ class _Grid:
         return float(error @ error)
 
 
-def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
-    """Return the problem simulated finer, None where that changes or can do nothing."""
-    plant = problem.plant
-    counts = plant.segments, plant.substeps
-    if 2 * counts[0] > Limit.max_cable_segments and 2 * counts[1] > Limit.max_substeps:
-        return None
-    change, finer = refinement_change(problem, x, masks)
-    kept = fitting.kept_samples(problem.errors(x, masks), masks)
-    left = float(np.sqrt(np.mean(kept**2)))
-    harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
-    if change <= harmless or finer is None:
-        return None
-    # Derivatives hardly depend on the resolution of the simulation.
-    return replace(problem, plant=finer, slopes=TorqueDerivatives(problem.slopes))
-
-
-def refinement_change(
-    problem: Problem, x: FloatArray, masks: Masks
-) -> tuple[float, SimulatedRig | None]:
-    """Return the RMS change over the floor by a finer plant, and that plant.
-
-    Segments or steps are halved, whichever changes more; None where neither may be.
-    """
-    plant = problem.plant
-    seen = [k for k, mask in enumerate(masks) if mask.any()]
-    here = problem.torques(x, seen)
-    tried: list[tuple[float, SimulatedRig | None]] = []
-    limits = {"segments": Limit.max_cable_segments, "substeps": Limit.max_substeps}
-    for name, most in limits.items():
-        count = 2 * getattr(plant, name)
-        finer = replace(plant, **{name: count})
-        there = replace(problem, plant=finer).torques(x, seen)
-        pairs = zip(seen, here, there, strict=True)
-        over = ((a - b) / problem.floor[k] for k, a, b in pairs)
-        changes = [fitting.huber_residual(each) for each in over]
-        kept = fitting.kept_samples(changes, [masks[k] for k in seen])
-        change = float(np.sqrt(np.mean(kept**2)))
-        tried.append((change, None if count > most else finer))
-    return max(tried, key=lambda each: each[0])
-
-
 @dataclass(frozen=True)
 class Options:
     """Choices that a diagnosis is made with, besides data and scene."""
@@ -399,7 +352,8 @@ def fit_baseline(
         weight = fitting.independence_weight(problem.errors(x), counts)
         problem = replace(problem, weight=weight)
         whole = fitting.fit(problem, x, counts)
-        change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
+        every = [record.counts for record in records]
+        change, finer = fitting.refinement_change(problem, whole.x, every)
         if change <= Limit.max_numerical_error or finer is None:
             break
         plant, starts = finer, [whole.x]
@@ -407,131 +361,6 @@ def fit_baseline(
     division = fitting.interleaved_folds(records)
     crossed = fitting.cross_validate(problem, division, [whole.x] * len(division))
     return BaselineFit(problem, whole, crossed, change)
-
-
-def predicted(
-    problem: Problem, start: FloatArray, division: Folds
-) -> tuple[FloatArray, ...]:
-    """Return torques of every record predicted from other samples (2, samples).
-
-    Samples that no fold holds out are predicted by the last fit.
-    """
-    found = [np.zeros(record.measured.shape) for record in problem.plant.records]
-    for fold in division:
-        played = problem.torques(fitting.fit(problem, start, fold.train, 6).x)
-        for kept, torque, train in zip(found, played, fold.train, strict=True):
-            kept[:, ~train] = torque[:, ~train]
-            empty = np.all(kept == 0.0, axis=0)
-            kept[:, empty] = torque[:, empty]
-    return tuple(found)
-
-
-def gaps(
-    problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
-) -> dict[str, Gap]:
-    """Return the gap of each channel on the held-out samples."""
-    records = problem.plant.records
-    tests = zip(*(fold.test for fold in division), strict=True)
-    masks = [np.any(own, axis=0) for own in tests]
-    found = {}
-    random = np.random.default_rng(seed)
-    for row, channel in enumerate(problem.plant.instruments.channels):
-        squares = []
-        for record, mask, old, new, noise, floor in zip(
-            records, masks, before, after, problem.noise, problem.floor, strict=True
-        ):
-            read = record.measured[row]
-            errors = read - old[row], read - new[row], noise[row], np.ones(mask.size)
-            squares.append(np.square(errors) * mask / floor[row] ** 2)
-        sums = fitting.block_sums(problem, masks, squares)
-        found[channel] = _gap_of_sums(sums, random)
-    return found
-
-
-def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
-    """Compute a gap from block sums (blocks, 4): before, after, floor, weights."""
-    draws = random.integers(0, len(squares), (400, len(squares)))
-    shares = [_closed_share(*squares[draw, :3].sum(axis=0)) for draw in draws]
-    old, new, floor, weights = squares.sum(axis=0)
-    low = high = math.nan
-    if np.mean(np.isfinite(shares)) > Limit.min_draw_share:
-        low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
-    sizes = (float(np.sqrt(each / weights)) for each in (old, new, floor))
-    before, after, least = sizes
-    return Gap(before, after, least, _closed_share(old, new, floor), (low, high))
-
-
-def _closed_share(old: float, new: float, floor: float) -> float:
-    """Return the closed share of the gap of squared RMS errors, NaN without one."""
-    if old <= 1.02 * floor:
-        return math.nan
-    before, after, least = (math.sqrt(square) for square in (old, new, floor))
-    return 1.0 - (after - least) / (before - least)
-
-
-def overall_share(found: Mapping[str, Gap]) -> float:
-    before, after = floor_ratios(found)
-    return _closed_share(before**2, after**2, 1.0)
-
-
-def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
-    if not found:
-        return math.nan, math.nan
-    before = [(gap.rmse_before / gap.noise_floor) ** 2 for gap in found.values()]
-    after = [(gap.rmse_after / gap.noise_floor) ** 2 for gap in found.values()]
-    return math.sqrt(np.mean(before)), math.sqrt(np.mean(after))
-
-
-def traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace, ...]:
-    names, found = problem.plant.instruments.channels, []
-    for record, *torques in zip(problem.plant.records, before, after, strict=True):
-        rows = record.measured, *torques
-        seen, old, new = (dict(zip(names, each, strict=True)) for each in rows)
-        motion = record.time, record.motor_angle, record.joint_angle
-        counts = record.counts.astype(float)
-        found.append(TrialTrace(record.trial, *motion, seen, old, new, counts))
-    return tuple(found)
-
-
-class Held(NamedTuple):
-    """Held-out torques (2, samples) of every record, predicted by the others."""
-
-    before: tuple[FloatArray, ...]  # without the added effects [N m]
-    after: tuple[FloatArray, ...]  # with them [N m]
-    gap: dict[str, Gap]  # of both, by channel
-    never: tuple[str, ...] = ()  # trials that were never held out
-
-
-class Holdout:
-    """Held-out predictions of models; those of the baseline are computed once."""
-
-    def __init__(self, baseline_fit: BaselineFit) -> None:
-        self._baseline = baseline_fit
-        records = baseline_fit.problem.plant.records
-        # Whole trials; stretches of all where a single trial shows an effect, which the
-        # others cannot determine.
-        self._divisions = (
-            fitting.trial_folds(records),
-            fitting.interleaved_folds(records),
-        )
-        self._before: dict[int, tuple[FloatArray, ...]] = {}
-
-    def out(self, problem: Problem, x: FloatArray) -> Held | None:
-        """Predict the held-out data; None if they do not support the effects."""
-        baseline, settings = self._baseline.problem, self._baseline.settings
-        for place, division in enumerate(self._divisions):
-            if place not in self._before:
-                start = self._baseline.whole.x
-                self._before[place] = predicted(baseline, start, division)
-            before = self._before[place]
-            after = predicted(problem, x, division) if problem.effects else before
-            gap = gaps(baseline, before, after, division, settings.seed)
-            squares = [(g.rmse_before**2 - g.rmse_after**2, g) for g in gap.values()]
-            better = sum(square / g.noise_floor**2 for square, g in squares)
-            if not problem.effects or better >= 0.0:
-                never = fitting.never_held_out(division, problem.plant.records)
-                return Held(before, after, gap, never)
-        return None
 
 
 def fit_scene(

@@ -600,7 +600,7 @@ class SimulatedRig:
 
     @cached_property
     def coarse(self) -> SimulatedRig:
-        """Same rig with an eighth of the segments and steps, which differences need."""
+        """Same rig with an eighth of the segments and steps, enough for differences."""
         least = min(self.segments, Limit.min_segments)
         segments = max(self.segments // Limit.coarsening, least)
         substeps = max(self.substeps // Limit.coarsening, 1)

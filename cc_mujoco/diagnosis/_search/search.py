@@ -21,7 +21,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis._fit import intervals, trials
 from cc_mujoco.diagnosis._fit import problem as fitting
-from cc_mujoco.diagnosis._fit.fit import BaselineFit, Held, Holdout, refine_simulation
+from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.intervals import Spread
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Problem
 from cc_mujoco.diagnosis._fit.trials import TrialDifferences
@@ -353,7 +353,7 @@ def with_own_noise_floor(
     counts = [a | b for a, b in zip(masks, reserved, strict=True)]
     while True:
         # A refit at every step between would cost as much as the rest of the search.
-        while finer := refine_simulation(problem, place, counts):
+        while finer := fitting.refine_simulation(problem, place, counts):
             problem = finer
         starts = [fit.x for fit in crossed.fits]
         crossed = fitting.cross_validate(problem, division, starts)
@@ -362,7 +362,7 @@ def with_own_noise_floor(
         if lower.inflation < 0.5 * problem.inflation:
             problem = lower
             continue
-        finer = refine_simulation(problem, place, counts)
+        finer = fitting.refine_simulation(problem, place, counts)
         if finer is None:
             return crossed
         problem = finer
@@ -406,7 +406,7 @@ class Found:
     search: Search  # the rounds, ending with the model
     problem: Problem  # the model
     x: FloatArray  # where it was fitted to all data
-    held: Held  # its predictions of held-out data
+    held: fitting.Held  # its predictions of held-out data
     estimated: Mapping[str, Estimate]  # value and interval of every parameter
     effects: tuple[FoundEffect, ...]  # in the order in which they were added
     # Groups of ids that the data do not distinguish, of missing effects
@@ -472,7 +472,7 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
 
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, progress: Progress
-) -> tuple[Problem, FloatArray, Spread, Held]:
+) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
     """Return the model of the search without effects whose interval contains 0.
 
     With it come its place, spread and held-out predictions. The effect without which
@@ -481,7 +481,8 @@ def _drop_doubtful(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     start = found.after.x
-    holding = Holdout(baseline_fit)
+    baseline, home = baseline_fit.problem, baseline_fit.whole.x
+    holding = fitting.Holdout(baseline, home, baseline_fit.settings.seed)
     while problem.effects:
         x = fitting.fit_until_settled(problem, start, counts).x
         least = intervals.noise_covariance(problem, x, counts)
@@ -501,11 +502,10 @@ def _drop_doubtful(
             left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
             slimmer.append((slim, fitting.fit(slim, left, counts)))
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
-    problem = baseline_fit.problem
-    x = fitting.fit_until_settled(problem, baseline_fit.whole.x, counts).x
-    held = holding.out(problem, x)
+    x = fitting.fit_until_settled(baseline, home, counts).x
+    held = holding.out(baseline, x)
     assert held is not None
-    return problem, x, intervals.fit_covariance(problem, x, counts), held
+    return baseline, x, intervals.fit_covariance(baseline, x, counts), held
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:

@@ -570,7 +570,7 @@ def _guarded(
     method: Callable[..., Any] | None,
     checked: Callable[..., Any] = lambda *_: None,
 ) -> Callable[..., Any] | None:
-    """Return the method with errors that name its effect; `checked` may object."""
+    """Return the method with errors that name its effect; `checked` may object, too."""
     if method is None:
         return None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cc_mujoco.diagnosis._fit.fit as module
+import cc_mujoco.diagnosis._fit.problem as module
 from cc_mujoco.datasets import TrialFacts
 from cc_mujoco.diagnosis import Options, prepare, run_inference
 from cc_mujoco.diagnosis import trial_folds as held_out
@@ -177,18 +177,13 @@ def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
 
     monkeypatch.setattr(module, "predicted", lambda *_: ())
     monkeypatch.setattr(module, "gaps", gaps)
-    problem = SimpleNamespace(
+    problem: Any = SimpleNamespace(
         plant=SimpleNamespace(records=()), effects=("end_compliance",)
     )
-    monkeypatch.setattr(module.fitting, "trial_folds", lambda _: "trials")
-    monkeypatch.setattr(module.fitting, "interleaved_folds", lambda _: "stretches")
-    monkeypatch.setattr(module.fitting, "never_held_out", lambda *_: ())
-    fit: Any = SimpleNamespace(
-        problem=problem,
-        whole=SimpleNamespace(x=np.zeros(0)),
-        settings=module.Options(),
-    )
-    held = module.Holdout(fit).out(fit.problem, np.zeros(0))
+    monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
+    monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
+    monkeypatch.setattr(module, "never_held_out", lambda *_: ())
+    held = module.Holdout(problem, np.zeros(0), 0).out(problem, np.zeros(0))
     assert held is not None
     by_stretches = held.gap["motor"].rmse_after == 0.9
     assert by_stretches == (worse > 0.1)

@@ -344,7 +344,7 @@ def _read_declarations(path: Path) -> str:
 
 
 def _require_possible(bench: Bench, reach: float) -> None:
-    """Require that the joint can follow the reach of the motor, as not in degrees."""
+    """Require that the joint can follow the reach of the motor."""
     most, limit = math.tau * bench.joint_radius / bench.motor_radius, ""
     if reach * bench.motor_radius / bench.joint_radius > math.tau:
         limit = (

@@ -262,8 +262,7 @@ class SteppedLaw:
     fixed: frozenset[str] = frozenset()  # gains that what it was made with depends on
     gains: tuple[Parameter, ...] = LIMITS
     seen: tuple[str, ...] = LAW_INPUTS  # readings that it uses
-    needs_slope: bool = False
-    """True if cables may only have friction terms that `_tension_slope` supports."""
+    needs_slope: bool = False  # cables must have terms that `_tension_slope` supports
     is_round: bool = True  # True if it reads torques as of a round pulley
     unguarded: frozenset[str] = frozenset()  # readings at which its guard does not look
     is_policy: bool = False  # True if it reads columns of an observation as they are

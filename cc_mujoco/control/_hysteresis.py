@@ -36,10 +36,8 @@ class HysteresisTrial:
     best in loops of several sizes.
     """
 
-    motor_angle: Array
-    """Angle of the motor from the start, over the ratio (samples,) [rad]."""
-    joint_angle: Array
-    """Angle of the joint from the start (samples,) [rad]."""
+    motor_angle: Array  # from the start, over the ratio (samples,) [rad]
+    joint_angle: Array  # from the start (samples,) [rad]
 
     @classmethod
     def of(
@@ -187,8 +185,7 @@ class SmoothBacklash(HysteresisModel):
     slope_down: float  # motor angle per joint angle while the joint moves down, a- [-]
     offset_up: float  # motor angle at joint angle 0 on the way up, c+ [rad]
     offset_down: float  # motor angle at joint angle 0 on the way down, c- [rad]
-    transition: float
-    """Distance of the joint over which one line changes into the other [rad]."""
+    transition: float  # distance over which one line changes into the other [rad]
 
     def __post_init__(self) -> None:
         require_parameter(self, "transition", 1e-6, 100.0, "rad")
@@ -255,10 +252,8 @@ class PrandtlIshlinskii(HysteresisModel):
 
     thresholds: tuple[float, ...]
     """Half widths of the plays of the motor angle; 0 first, increasing [rad]."""
-    weights: tuple[float, ...]
-    """Weight of each play [-]; the first above 0, no other below."""
-    knots: tuple[float, ...]
-    """Joint angles at which pieces of the curve S' meet, increasing [rad]."""
+    weights: tuple[float, ...]  # of each play [-]; the first above 0, no other below
+    knots: tuple[float, ...]  # joint angles where pieces of S' meet, increasing [rad]
     values: tuple[float, ...]  # curve S' at these [rad]; the end pieces extend beyond
 
     def __post_init__(self) -> None:

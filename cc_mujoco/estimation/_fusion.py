@@ -90,15 +90,14 @@ def fuse(
 ) -> Fused:
     """Fuse readings of one instant, or of many at once.
 
+    Return tensions and their deviation, NaN at nodes that no sensor is tied to.
+
     Args:
         reading: reading of every sensor (..., m) [N].
         gain: gain of `tension_gains`, (..., m, n + 1).
         deviation: standard deviation of the sensors (m,) or (..., m) [N].
         weights: `"variance"` for the unbiased estimate of least variance, `"mean"` for
             the thesis's.
-
-    Returns:
-        Tensions and their standard deviation, NaN at nodes that no sensor is tied to.
 
     Raises:
         CableError: numbers that are not finite, deviations that are not positive,

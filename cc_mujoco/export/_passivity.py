@@ -253,7 +253,7 @@ def play(
     axis: str | None = None,
     progress: Callable[[float], object] = float,
 ) -> WearerEnergy:
-    """Simulate wearers who move and then hold still, all at once.
+    """Simulate wearers who move and then hold still; infinite where that diverged.
 
     Args:
         device: Name, file or the device.
@@ -265,9 +265,6 @@ def play(
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
         progress: Called with the simulated time [s] after every control step.
-
-    Returns:
-        Energy and motion; infinite where the simulation diverged.
 
     Raises:
         CableError: nobody moves the joint of the axis.

@@ -223,8 +223,7 @@ def add_preload(
     for i in range(sections.shape[0]):
         wrap += sections[i, 0] / sections[i, 1]
     spring[guard.REST] += abs(distal) * values[PLACE.pretension]
-    friction = values[PLACE.friction] * wrap
-    spring[guard.FRICTION] = max(spring[guard.FRICTION], friction)
+    spring[guard.FRICTION] = max(spring[guard.FRICTION], values[PLACE.friction] * wrap)
 
 
 @compiled

@@ -332,8 +332,7 @@ class SteppedController(Controller):
     def given(self, torque: Any) -> None:
         if len(self._memory):
             for place in self._tables.given:
-                kept = self._memory[:, place]
-                np.copyto(kept, torque, where=guard.is_heard(torque))
+                np.copyto(self._memory[:, place], torque, where=guard.is_heard(torque))
 
     def guard_states(self) -> FloatArray:
         """Return the state of the guard of every environment, see `guard.FREE`."""

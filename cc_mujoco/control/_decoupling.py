@@ -245,9 +245,8 @@ class Coupling:
                 neutral[self.joints.index(joint), axis] = ratio
         rival = np.equal.outer(self._own, self._own) & ~np.eye(len(names), dtype=bool)
         mixing = np.where(rival, 0.0, neutral[self._own])
-        scaled = mixing / np.abs(neutral).max(axis=0)
         # Ratios, each motor scaled to 1, are inverted up to this condition number.
-        if not np.linalg.cond(scaled) < 100.0:
+        if not np.linalg.cond(mixing / np.abs(neutral).max(axis=0)) < 100.0:
             raise CableError(
                 f"the cables of {', '.join(p.rstrip('.') for p in prefixes)} turn "
                 "their joints in nearly the same proportions, so torques at the joints "
@@ -302,8 +301,7 @@ class Coupling:
         its axes add up.
         """
         given, wanted = np.empty((2, *measured.shape))
-        each = zip(ratios, measured, desired, given, wanted, strict=True)
-        for one, *torques in each:
+        for one, *torques in zip(ratios, measured, desired, given, wanted, strict=True):
             own_torques(coupled(self.tables, one), *torques)
         return given, wanted
 

@@ -332,8 +332,7 @@ def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:
     inverse = np.concatenate(
         [[1.0 / weights[0]], -weights[1:] / (total[1:] * total[:-1])]
     )
-    lower = np.cumsum(weights * thresholds)
-    return total * thresholds - lower, inverse
+    return total * thresholds - np.cumsum(weights * thresholds), inverse
 
 
 @dataclass(frozen=True)

@@ -144,8 +144,7 @@ def _explain_rotor(planner: Planner, hypothesis: int, motor: float) -> None:
     `hypothesis` as in `_states`; `motor` is the measured angle [rad].
     """
     memory, applied, tune = planner.memory, planner.applied, planner.tune
-    state = _states(planner, hypothesis)
-    load = stepper.torque(planner.cables, state, False, motor)[0]
+    load = stepper.torque(planner.cables, _states(planner, hypothesis), False, motor)[0]
     mean_load = 0.5 * (load + memory[at.MODEL_LOAD + hypothesis])
     memory[at.MODEL_LOAD + hypothesis] = load
     believed = int(memory[at.BELIEVED_DELAY])

@@ -166,8 +166,7 @@ def step_plan(data: LawData) -> float:
     if data.memory[law_steps.FIRST_STEP] != 0.0:
         planner.memory[:] = 0.0
     for k in range(data.sizes[0]):
-        logarithm = planner.memory[planner_memory.FRICTION + k]
-        planner.friction[1, k] = np.exp(logarithm)
+        planner.friction[1, k] = np.exp(planner.memory[planner_memory.FRICTION + k])
     return _planned(planner, data)
 
 

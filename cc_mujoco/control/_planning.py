@@ -411,9 +411,8 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
         # Predictions from a failed sensor would drive the motor.
         behind = read[guard.MOTOR_SPEED] - tune[at.RATIO] * read[guard.JOINT_SPEED]
         late = dt * (1 + delay) + tune[at.LAG]
-        steady = guard.MAX_DAMPING_SHARE * tune[at.INERTIA] / late
         damping = guard.RELEASE_TIME * tune[at.STIFFNESS] / tune[at.RATIO] ** 2
-        damping = min(damping, steady)
+        damping = min(damping, guard.MAX_DAMPING_SHARE * tune[at.INERTIA] / late)
         torque = guard.let_go_torque(guarded, damping, behind)
     if not abs(torque) < np.inf:
         # Readings that contradict each other by far made the models diverge.

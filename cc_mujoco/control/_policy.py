@@ -166,8 +166,7 @@ class Policy(Controller):
     def given(self, torque: Any) -> None:
         each = [torque] if len(self.axes) == 1 else np.moveaxis(np.array(torque), -1, 0)
         for axis, own in zip(self.axes, each, strict=True):
-            kept = axis.memory[:, guard.COMMAND]
-            np.copyto(kept, own, where=guard.is_heard(own))
+            np.copyto(axis.memory[:, guard.COMMAND], own, where=guard.is_heard(own))
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
@@ -275,8 +274,7 @@ def _torques(
     for i in range(rows.size):
         row = rows[i]
         own = guard.Guarded(gains, spring, memory[row])
-        torque = shares[row] * gains[WHOLE]
-        found[row] = guard.passed(own, gains[RELEASE], torque)
+        found[row] = guard.passed(own, gains[RELEASE], shares[row] * gains[WHOLE])
 
 
 def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:

@@ -231,10 +231,9 @@ class PredictiveCompensation(SteppedController):
         # Else an inertia 30 % below its assumed value oscillates at 10 ms.
         rotors = np.minimum(rotor, 2.5 / late)
         unexplained = np.array([filter_gains(slowed * period)[2] for slowed in rotors])
-        greatest = max(abs(end) for end in drive.reach)
         # Least noise, as a share of the greatest torque: a sensor without noise is no
         # reason to reverse for nothing.
-        noise = max(drive.torque_noise, 1e-5 * greatest)
+        noise = max(drive.torque_noise, 1e-5 * max(map(abs, drive.reach)))
         spring = joint_spring(drive.cables)
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)

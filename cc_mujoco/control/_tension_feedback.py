@@ -91,8 +91,7 @@ class FusedFeedback(ProportionalIntegral):
         """Return the measurements of `pi`, with the torque of the fused tensions."""
         observation = as_round_pulley(observation, self.drive)
         tensions, last = _readings(observation), self._tensions
-        torque = self._torque(len(tensions))
-        self.model.follow(observation["motor_angle_rad"], torque)
+        self.model.follow(observation["motor_angle_rad"], self._torque(len(tensions)))
         fused = []
         for k, (mesh, nodes, deviation) in enumerate(self._own):
             gain = tension_gains(mesh, self.model.slip(k), nodes)[..., -1:]

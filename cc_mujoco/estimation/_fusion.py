@@ -78,8 +78,7 @@ def tension_gains(
     if through_rest:
         return ratio
     run = _cumulative_sums((sign == 0.0).astype(float))
-    tied = run[..., None, :] == run[..., nodes][..., None]
-    return np.where(tied, ratio, np.nan)
+    return np.where(run[..., None, :] == run[..., nodes][..., None], ratio, np.nan)
 
 
 def fuse(

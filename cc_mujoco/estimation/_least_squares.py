@@ -293,8 +293,7 @@ def _correlation_lags(residual: FloatArray) -> int:
 
 def autocorrelation(values: FloatArray) -> FloatArray:
     """Return the autocorrelation sums of the samples, by lag (samples,)."""
-    size = 1 << (2 * values.size).bit_length()
-    power = np.abs(np.fft.rfft(values, size)) ** 2
+    power = np.abs(np.fft.rfft(values, 1 << (2 * values.size).bit_length())) ** 2
     return np.asarray(np.fft.irfft(power)[: values.size], dtype=np.float64)
 
 

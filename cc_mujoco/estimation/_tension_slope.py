@@ -295,10 +295,9 @@ class FrictionEstimator(SlopeEstimator):
         guess = cable.friction if start is None else start
         require_number("start", guess, 0.0, 1e3, "")
         require_number("memory", memory, 1.0, 1e12, "samples")
-        angle = wrap_angles(cable)
         require_bend_between(cable, sensors)
         fit = RecursiveEstimate(guess, spread, memory, drift)
-        super().__init__(cable, sensors, angle[:, None], fit, memory)
+        super().__init__(cable, sensors, wrap_angles(cable)[:, None], fit, memory)
 
     @property
     def friction(self) -> float:

@@ -208,9 +208,8 @@ def _source_words(interface: str) -> set[str]:
     from can import bit_timing, bus
     from can.interfaces import BACKENDS
 
-    module = BACKENDS[interface][0]
     try:
-        spec = importlib.util.find_spec(module)
+        spec = importlib.util.find_spec(BACKENDS[interface][0])
     except ImportError:  # of what it needs; the interface itself tells of it
         spec = None
     if spec is None or spec.origin is None:

@@ -56,8 +56,7 @@ class CanDrive(ABC):
         now: Now = time.perf_counter,
     ) -> None:
         """Open the bus, see `CanPort`, for the drive of a number in `DRIVE_NODES`."""
-        heard = self.identifiers(node)
-        self._port = CanPort(place, heard, fd=self.fd, buses=buses)
+        self._port = CanPort(place, self.identifiers(node), fd=self.fd, buses=buses)
         self.ignored = self._port.ignored
         self.where = f"{self.title} {node} on {self._port.where}"
         self._node, self._now = node, now

@@ -299,9 +299,8 @@ class Loop:
         outcome.cycles += 1
         outcome.work.add(work)
         if self._axes[0].fresh is not None:
-            number = outcome.cycles + outcome.missed
             rows = [*map(AxisRow, seen, before, desired, torques, wishes)]
-            self._log.row(rows, self._late, work, number)
+            self._log.row(rows, self._late, work, outcome.cycles + outcome.missed)
 
     def _end(self, ending: Ending) -> None:
         """Ramp all torques to zero, then command zero; nothing can end this early."""

@@ -137,8 +137,7 @@ class PacketRig:
 
     def write(self, torque: float) -> None:
         """Send a command, enabled once the rig has been heard; see `Rig`."""
-        heard = self._last is not None
-        self._send(torque, Status.ENABLED if heard else Status.NONE)
+        self._send(torque, Status.ENABLED if self._last else Status.NONE)
 
     def close(self) -> None:
         """Send several times that the run is over; see `Rig`."""

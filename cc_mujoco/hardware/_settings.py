@@ -376,8 +376,7 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
         closing.callback(joint.close)
         drive: MotorDrive
         if isinstance(place, str):
-            ratio = address.torque_per_ampere
-            drive = Dynamixel(place, node, address.baud_rate, ratio)
+            drive = Dynamixel(place, node, address.baud_rate, address.torque_per_ampere)
         else:
             kind = Odrive if address.protocol == "odrive" else Moteus
             drive = kind(place, node, buses)

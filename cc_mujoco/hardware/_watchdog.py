@@ -84,8 +84,7 @@ class TorqueSensor:
         products = np.append(off * off, off[0] * off[1])
         moments[2:] = kept * (moments[2:] + share * products)
         measured, expected = math.sqrt(moments[2]), math.sqrt(moments[3])
-        least = 0.5 * self._swing
-        if self._count < self._settled or min(measured, expected) < least:
+        if self._count < self._settled or min(measured, expected) < 0.5 * self._swing:
             return None
         correlation = moments[4] / (measured * expected)
         if correlation > -0.8:

@@ -58,9 +58,8 @@ def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
     for _ in range(50):
         total = 0.0
         for s in range(sections.shape[0]):
-            total += sections[s, 0] * _segment_density(
-                sections[s, 1], length, wrap, mean
-            )
+            density = _segment_density(sections[s, 1], length, wrap, mean)
+            total += sections[s, 0] * density
         if total / length > (1.0 - 1e-12) * mean:
             break
         mean = total / length

@@ -103,11 +103,9 @@ def relinearize(
             # The line of the stretch found can overshoot without end, that of the
             # tension found never does: go between them.
             found = nodes.stretch_between(prm, n, i, tension[i], node[i])
-            if (
-                node[i] > 0.0
-                and abs(node[i] - tension[i]) > LINEARIZATION_TOLERANCE * largest
-            ):
-                steady = (node[i] - tension[i]) / found
+            changed = node[i] - tension[i]
+            if node[i] > 0.0 and abs(changed) > LINEARIZATION_TOLERANCE * largest:
+                steady = changed / found
                 # 0.3: share of the overshooting line, in the logarithm.
                 line = steady * (line / steady) ** 0.3
             stiffness[i] = line

@@ -139,9 +139,8 @@ def stretch_by_path(prm: FloatArray, n: int, step: Step, old: FloatArray) -> Flo
     for i in range(n + 1):
         moved = gained[i]
         if i == 0:
-            moved += proximal - proximal / drum.passing_ratio(
-                prm, n, state, 0, proximal
-            )
+            ratio = drum.passing_ratio(prm, n, state, 0, proximal)
+            moved += proximal - proximal / ratio
         if i == n:
             moved -= distal - distal / drum.passing_ratio(prm, n, state, 1, -distal)
         tension[i] = nodes.tension_after_stretch(prm, n, i, old[i], moved)

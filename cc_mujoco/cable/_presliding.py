@@ -193,9 +193,8 @@ def preslide(n: int, chain: Chain, step: Step) -> bool:
         if rounds >= 12:
             _find_choices(n, chain, held, spring, motion, work[2 * n + 1 :])
         for s in range(n):
-            gain[s], offset[s], own[s] = _segment_line(
-                chain, s, slip_direction[s], held, spring
-            )
+            way = slip_direction[s]
+            gain[s], offset[s], own[s] = _segment_line(chain, s, way, held, spring)
         chains.solve(n, chain, lines, motion, rest)
         for s in range(n):
             free[s] = 1.0 if own[s] == 0.0 and offset[s] == 0.0 else 0.0

@@ -438,10 +438,9 @@ def _motor(
     joints = [joint.name for joint in spec.joints if joint.name]
     bodies = [body.name for body in spec.bodies if body.name]
     label = motor if isinstance(motor, str) else getattr(motor, "name", None)
-    is_joint = isinstance(motor, mujoco.MjsJoint) or (
-        isinstance(motor, str) and motor in joints
-    )
-    if isinstance(motor, str) and motor in joints and motor in bodies:
+    named = isinstance(motor, str)
+    is_joint = motor in joints if named else isinstance(motor, mujoco.MjsJoint)
+    if named and is_joint and motor in bodies:
         raise CableError(
             f"motor {motor!r} is both a joint and a body; pass the element itself "
             "instead of its name."
@@ -460,7 +459,7 @@ def _motor(
             )
         return {"motor": name}
     if isinstance(motor, str | mujoco.MjsBody):
-        if isinstance(motor, str) and motor not in bodies:
+        if named and motor not in bodies:
             raise CableError.unknown("joint or body", motor, joints + bodies)
         on_it = route[:1] if route and route[0].body == label else ()
         position = on_it[0].position if on_it else (0.0, 0.0, 0.0)

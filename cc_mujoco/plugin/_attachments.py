@@ -344,10 +344,8 @@ def explain_bypass(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
     for actuator in range(model.nactuator):
-        if (
-            holding_tendon(model, actuator) == tendon
-            and model.actuator_plugin[actuator] != instance
-        ):
+        pulls = holding_tendon(model, actuator) == tendon
+        if pulls and model.actuator_plugin[actuator] != instance:
             ffi.append(message, "actuator ")
             why: ffi.Bytes = (
                 " pulls its tendon as a whole, which passes friction by; give it the "
@@ -388,9 +386,8 @@ def _tendon_feature(model: MjModel, tendon: int) -> ffi.Bytes:
     if model.tendon_armature[tendon] != 0.0:
         return "an `armature`"
     for i in range(model.neq):
-        if model.eq_type[i] == mjtEq.mjEQ_TENDON and (
-            model.eq_obj1id[i] == tendon or model.eq_obj2id[i] == tendon
-        ):
+        own = model.eq_obj1id[i] == tendon or model.eq_obj2id[i] == tendon
+        if own and model.eq_type[i] == mjtEq.mjEQ_TENDON:
             return "an equality"
     return ""
 
@@ -557,15 +554,13 @@ def ends_swapped(model: MjModel, instance: int) -> bool:
     if route < 0 or joint < 0 or other < 0:
         return False
     start, last = model.tendon_adr[route], ffi.path_end(model, route) - 1
-    if _site_near_joint(model, joint, start) or _site_near_joint(model, other, last):
+    if _is_near(model, joint, start) or _is_near(model, other, last):
         return False
-    return _site_near_joint(model, joint, last) and _site_near_joint(
-        model, other, start
-    )
+    return _is_near(model, joint, last) and _is_near(model, other, start)
 
 
 @internal
-def _site_near_joint(model: MjModel, joint: int, place: int) -> bool:
+def _is_near(model: MjModel, joint: int, place: int) -> bool:
     """Return whether a site in a path is on the body of a joint or on its parent."""
     body = model.jnt_bodyid[joint]
     own = model.site_bodyid[model.wrap_objid[place]]

@@ -44,7 +44,6 @@ from cc_mujoco.plugin import _evaluate as evaluating
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin import _warnings as messages
@@ -307,7 +306,7 @@ def settle(
     state, n = ffi.state(model, data, instance), block.segments
     evaluating.set_rest_state(block, model, state, lengths, data.time)
     kept = blocks.committed(state, n)
-    kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
+    kept.pose = messages.checksum(data.qpos[: model.nq])
     seats = seats_with_route(block)
     if seats or blocks.is_open(block):
         follow(block, model, data, state)
@@ -359,11 +358,8 @@ def destroy(data: MjData, instance: ffi.CInt) -> None:
 
 @ffi.callback
 def reset(model: MjModel, state: int, block: Block, instance: ffi.CInt) -> None:
-    if block == 0 or not (
-        ffi.has_timestep(model) and blocks.fits(block, model, instance)
-    ):
-        return
-    if not evaluating.update_parameters(block, model, instance):
+    fit = block != 0 and ffi.has_timestep(model) and blocks.fits(block, model, instance)
+    if not (fit and evaluating.update_parameters(block, model, instance)):
         return
     block.checked_timestep = block.checked_stiffness = 0.0
     if block.mocap_poses != 0:  # which are unknown
@@ -371,13 +367,11 @@ def reset(model: MjModel, state: int, block: Block, instance: ffi.CInt) -> None:
         ffi.floats(block + block.mocap_poses, size)[:] = 0.0
     # The pose `qpos0` may be another since.
     block.reference_known = 0
-    lengths = (
-        blocks.rest_displacement(model, block, 0),
-        blocks.rest_displacement(model, block, 1),
-    )
+    first = blocks.rest_displacement(model, block, 0)
+    lengths = first, blocks.rest_displacement(model, block, 1)
     evaluating.set_rest_state(block, model, state, lengths, 0.0)
     kept = blocks.committed(state, block.segments)
-    kept.pose = jump_warnings.checksum(model.qpos0[: model.nq])
+    kept.pose = messages.checksum(model.qpos0[: model.nq])
 
 
 @ffi.callback
@@ -435,7 +429,7 @@ def compute(
             _check(model, data, block)
         if begins:
             pose = blocks.committed(state, n).pose
-            touched = jump_warnings.position_changed(data.qpos[: model.nq], pose)
+            touched = messages.position_changed(data.qpos[: model.nq], pose)
             block.position_changed = int(touched)
         looks = implicit_ends.is_implicit(model, block)
     block.path_evaluation = 0
@@ -495,10 +489,10 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     state, n = ffi.state(model, data, instance), block.segments
     ends, _ = _ends(model, data, block)
     used, last = ends, ends
-    jump_warnings.save_poses(model, data, block)
+    messages.save_poses(model, data, block)
     # Under RK4 these are of its last stage.
     if not rk4:
-        jump_warnings.warn_jump(model, data, instance, state, ends, 0)
+        messages.warn_jump(model, data, instance, state, ends, 0)
     if attachments.in_disabled_group(model, instance):
         messages.warn_once(
             model, instance,
@@ -529,7 +523,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
             and ffi.same(path_now, path_last, block.shape_bytes)
         ):
             ends = stages[0, 0], stages[0, 1]
-            jump_warnings.warn_jump(model, data, instance, state, ends, 1)
+            messages.warn_jump(model, data, instance, state, ends, 1)
             time = stages[0, 2]
             used, yields = (stages[0, 3], stages[0, 4]), (stages[0, 5], stages[0, 6])
             dt = stages[0, 7]
@@ -541,10 +535,10 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         ffi.copy(block + block.new_state, state, written)
         kept = blocks.committed(state, n)
         kept.time = time
-        kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
+        kept.pose = messages.checksum(data.qpos[: model.nq])
         kept.ends[0], kept.ends[1] = ends
         for part in range(3):
-            kept.velocities[part] = jump_warnings.velocity(data, block, part)
+            kept.velocities[part] = messages.velocity(data, block, part)
         if blocks.is_open(block):
             shape = blocks.shape(block, stage)
             open_path.save_path(shape, n, blocks.path_memory(state, n))

@@ -211,16 +211,14 @@ def set_rest_state(
     """
     n, kept = block.segments, blocks.committed(state, block.segments)
     wound = blocks.proximal_winding(model, block, ends[0])[0]
-    kernel.initialize(
-        blocks.parameters(block), n, wound, ends[1], blocks.kernel_state(state, n)
-    )
+    whole = blocks.kernel_state(state, n)
+    kernel.initialize(blocks.parameters(block), n, wound, ends[1], whole)
     kept.time = time - model.opt.timestep if is_rk4(model) else 0.0
     kept.ends[0], kept.ends[1] = wound, ends[1]
     kept.velocities[:] = 0.0
     if blocks.is_open(block):
         blocks.path_memory(state, n)[:] = 0.0
     if seats_with_route(block):
-        whole = blocks.kernel_state(state, n)
         whole[layout.rest_wrap(n)] = -1.0
 
 
@@ -236,9 +234,8 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
     """
     n, prm = block.segments, blocks.parameters(block)
     whole = blocks.kernel_state(state, n)
-    begin = blocks.proximal_winding(
-        model, block, blocks.rest_displacement(model, block, 0)
-    )[0]
+    rest = blocks.rest_displacement(model, block, 0)
+    begin = blocks.proximal_winding(model, block, rest)[0]
     travel = whole[1] - blocks.rest_displacement(model, block, 1)
     if prm[layout.STATE_DEPENDENT] != 0.0:
         whole[layout.TRAVEL] = travel

@@ -71,7 +71,7 @@ class _Block(ctypes.Structure):
         # one, with the time of that stage, the checksum of the state that it began
         # from, and the path.
         ("first_stage", _INT),
-        # Of a model's first cable, or 0: for `_implicit_ends.py`, `_jump_warnings.py`.
+        # Of a model's first cable, or 0: for `_implicit_ends.py`, `save_poses`.
         ("known_step", _INT),
         ("prediction", _INT),
         ("mocap_poses", _INT),

@@ -321,11 +321,11 @@ class AttachedCables:
             packed = self._packed(index, cable)
             row[: packed.size] = packed
         worlds = np.fromiter(cables, np.int32, len(cables))
-        write_rows(self._rows.prm, index * self._worlds + worlds, given)
+        rows = index * self._worlds + worlds
+        write_rows(self._rows.prm, rows, given)
         route = self._routes[index]
         if route is not None and self._led is not None and cables:
             paths = [self._led.reference_row(route, own) for own in cables.values()]
-            rows = index * self._worlds + worlds
             write_rows(self._led.reference, rows, np.stack(paths))
         write_rows(self.values[index], worlds, given[:, : at.SCALARS])
 

@@ -118,17 +118,10 @@ class CableActuator(Actuator):
         for drive in self.cfg.cables.values():
             if drive.motor.split("/")[-1] not in self.target_names:
                 raise CableError.unknown("motor", drive.motor, self.target_names)
+        keys = "effort_limit", "armature", "frictionloss", "viscous_damping"
+        given = {key: getattr(self.cfg, key) for key in keys}
         for motor in target_names:
-            self._mjs_actuators.append(
-                create_motor_actuator(
-                    spec,
-                    motor,
-                    effort_limit=self.cfg.effort_limit,
-                    armature=self.cfg.armature,
-                    frictionloss=self.cfg.frictionloss,
-                    viscous_damping=self.cfg.viscous_damping,
-                )
-            )
+            self._mjs_actuators.append(create_motor_actuator(spec, motor, **given))
             for name, drive in self.cfg.cables.items():
                 if drive.motor == motor:
                     self._ends[name] = _add_ends(spec, name, drive)

@@ -62,9 +62,6 @@ from cc_mujoco.warp.mjlab._actuator import CableActuatorCfg, DrivenCable
 from cc_mujoco.warp.mjlab._terms import cable_tension, capture_cables, randomize_cables
 
 JOINTS = tuple(f"{side}_{part}" for side in WALKING_SIDES for part in WALKING_JOINTS)
-LOADS = tuple(
-    f"{side}_{part}_load" for side in WALKING_SIDES for part in ("heel", "ball")
-)
 _STARTS = np.linspace(0.1, 0.4, 31)
 """Parts of a right step in which worlds start."""
 
@@ -104,10 +101,13 @@ class Walker(ActionTerm):
         self._joints = torch.tensor(ids, device=self.device)
         names = list(self._entity.joint_names)
         self._root = [names.index(name) for name in ("forward", "height", "pitch")]
-        self._loads = torch.tensor(
-            [int(model.sensor(f"{cfg.entity_name}/{name}").adr[0]) for name in LOADS],
-            device=self.device,
-        )
+        loads = [
+            model.sensor(f"{cfg.entity_name}/{side}_{part}_load")
+            for side in WALKING_SIDES
+            for part in ("heel", "ball")
+        ]
+        places = [int(sensor.adr[0]) for sensor in loads]
+        self._loads = torch.tensor(places, device=self.device)
         joints = [model.joint(f"{cfg.entity_name}/{name}") for name in JOINTS]
         self._dof = torch.tensor(
             [int(joint.dofadr[0]) for joint in joints], device=self.device
@@ -211,10 +211,8 @@ class Walker(ActionTerm):
         data = self._entity.data
         position = data.default_joint_pos[worlds].clone()
         velocity = data.default_joint_vel[worlds].clone()
-        position[:, self._joints], velocity[:, self._joints] = (
-            pose[:, :6],
-            pose[:, 6:12],
-        )
+        position[:, self._joints] = pose[:, :6]
+        velocity[:, self._joints] = pose[:, 6:12]
         position[:, self._root[1:]] = pose[:, 12:14]
         velocity[:, self._root[0]] = pose[:, 14]
         self._entity.write_joint_state_to_sim(position, velocity, env_ids=worlds)
@@ -275,7 +273,6 @@ def has_fallen(env: Any, term: str = "person") -> torch.Tensor:
 TASK = "CcMujoco-Ankle-Walk"
 """Name of the task in mjlab's registry."""
 MOTORS = tuple(f"{side}_motor" for side in WALKING_SIDES)
-_TIMESTEP, _DECIMATION = 2e-3, 5
 
 
 def walking_legs() -> mujoco.MjSpec:
@@ -321,21 +318,19 @@ def environment(play: bool = False) -> ManagerBasedRlEnvCfg:
     """Return the configuration of the environment; in play a person walks on."""
     ankles = SceneEntityCfg("robot", joint_names=(".*_ankle",))
     drums = SceneEntityCfg("robot", joint_names=MOTORS)
+    joints = (
+        ("ankle", mdp.joint_pos_rel, ankles, 5.0),
+        ("ankle_rate", mdp.joint_vel_rel, ankles, 0.5),
+        ("motor", mdp.joint_pos_rel, drums, 1.0),
+        ("motor_rate", mdp.joint_vel_rel, drums, 0.05),
+    )
     terms = {
         "phase": ObservationTermCfg(func=gait_phase),
         "load": ObservationTermCfg(func=foot_load),
-        "ankle": ObservationTermCfg(
-            func=mdp.joint_pos_rel, params={"asset_cfg": ankles}, scale=5.0
-        ),
-        "ankle_rate": ObservationTermCfg(
-            func=mdp.joint_vel_rel, params={"asset_cfg": ankles}, scale=0.5
-        ),
-        "motor": ObservationTermCfg(
-            func=mdp.joint_pos_rel, params={"asset_cfg": drums}, scale=1.0
-        ),
-        "motor_rate": ObservationTermCfg(
-            func=mdp.joint_vel_rel, params={"asset_cfg": drums}, scale=0.05
-        ),
+        **{
+            name: ObservationTermCfg(func=f, params={"asset_cfg": of}, scale=scale)
+            for name, f, of, scale in joints
+        },
         "tension": ObservationTermCfg(
             func=cable_tension, params={"end": "proximal", "scale": 1 / 300}
         ),
@@ -380,8 +375,8 @@ def environment(play: bool = False) -> ManagerBasedRlEnvCfg:
             "fallen": TerminationTermCfg(func=has_fallen),
             "broken": TerminationTermCfg(func=mdp.nan_detection),
         },
-        sim=SimulationCfg(mujoco=MujocoCfg(timestep=_TIMESTEP)),
-        decimation=_DECIMATION,
+        sim=SimulationCfg(mujoco=MujocoCfg(timestep=2e-3)),
+        decimation=5,
         episode_length_s=1e9 if play else 15.0,
     )
 

@@ -21,27 +21,19 @@ class Kind(NamedTuple):
     factors: dict[str, float]  # size of that unit in every unit that a file may use
 
 
-CLOCK, ANGLE, TORQUE, FORCE, PHASE = (
-    Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}),
-    Kind(
-        "angle",
-        "rad",
-        {"rad": 1.0, "mrad": 1e-3, "deg": 2.0 * math.pi / 360, "rev": 2.0 * math.pi},
-    ),
-    Kind(
-        "torque",
-        "Nm",
-        {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2}
-        | {"kgfcm": 1e-2 * 9.80665, "lbfin": 0.0254 * 4.4482216152605},
-    ),
-    Kind(
-        "force",
-        "N",
-        {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
-    ),
-    Kind("phase", "1", {"percent": 1e-2, "%": 1e-2}),
+_TURN, _KGF, _LBF, _INCH = 2.0 * math.pi, 9.80665, 4.4482216152605, 0.0254
+CLOCK = Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
+ANGLE = Kind(
+    "angle", "rad", {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360, "rev": _TURN}
 )
-
+TORQUE = Kind(
+    "torque",
+    "Nm",
+    {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2}
+    | {"kgfcm": 1e-2 * _KGF, "lbfin": _INCH * _LBF},
+)
+FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
+PHASE = Kind("phase", "1", {"percent": 1e-2, "%": 1e-2})
 _UNITS = {
     unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
 } | {"m", "mm"}

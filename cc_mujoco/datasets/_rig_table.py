@@ -16,11 +16,9 @@ from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-_LENGTH_UNITS, _DIMENSIONLESS, _INERTIA_UNITS = (
-    {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    {"1": 1.0},
-    {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7},
-)
+_LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_DIMENSIONLESS = {"1": 1.0}
+_INERTIA_UNITS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
 RIG_CONSTANTS: dict[str, dict[str, float]] = {
     "motor_radius": _LENGTH_UNITS,
     "joint_radius": _LENGTH_UNITS,

@@ -17,10 +17,8 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
 
 LOG_FILE = "log.parquet"
-EPISODE_FILES = (
-    *("recording.rrd", "metrics.json", "summary.png"),
-    *(LOG_FILE, atomic_io.MANIFEST),
-)
+_REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
+EPISODE_FILES = (*_REWRITTEN_FILES, LOG_FILE, atomic_io.MANIFEST)
 """Files that `write_episode` leaves in its folder."""
 EPISODE_METRICS = (
     "rms_torque_error", "torque_lag", "peak_joint_torque", "rms_joint_torque",
@@ -38,7 +36,7 @@ def require_ours(
 ) -> None:
     """Find out, before an episode is played, whether its files can be written there."""
     atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
-    atomic_io.require_unmodified(folder, (*EPISODE_FILES[:3], VIDEO_FILE, PAGE_FILE))
+    atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
     if video:
         from cc_mujoco.viz._video import require_video
 

@@ -18,10 +18,8 @@ from cc_mujoco.viz._axis import plot, time_axis
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
 
 # Okabe and Ito's colours, as in the summary figure.
-BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW = (
-    *(0x0072B2FF, 0xD55E00FF, 0x009E73FF),
-    *(0xCC79A7FF, 0x56B4E9FF, 0xE69F00FF),
-)
+BLUE, ORANGE, GREEN, PURPLE = 0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF
+SKY, YELLOW = 0x56B4E9FF, 0xE69F00FF
 
 SERIES = (
     ("torque/joint", "delivered", "joint_torque_nm", BLUE),

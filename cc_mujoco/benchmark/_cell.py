@@ -18,7 +18,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -194,10 +194,11 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     changes = reference.changes if reference else {}
     models = []
     for plant in (drawn.plant for drawn in draws):
-        values = dict(plant.values)
-        for cable in plant.cables:
-            values |= {f"{cable}.{key}": value for key, value in changes.items()}
-        models.append(Plant(plant.device, values).model())
+        if changes:
+            each = product(plant.cables, changes.items())
+            changed = {f"{cable}.{key}": value for cable, (key, value) in each}
+            plant = Plant(plant.device, {**plant.values, **changed})
+        models.append(plant.model())
     pairs = zip(models, [drawn.trajectory for drawn in draws], strict=True)
     exos = [WornDevice(description, m, t, tasks, at.duration) for m, t in pairs]
     exo, prefixes = exos[0], exos[0].device.prefixes

@@ -84,14 +84,14 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
             ahead = _along(moments, world, actuator, lever, found)
             stiffness = end_stiffness(rows.prm[row], rows.segments[cable], end == 1)
             square = h * h * mobility * stiffness
-            share, stable = float(0.0), NEWMARK.stability_limit
+            share, stable = float(0.0), wp.static(NEWMARK.stability_limit)
             if square > stable:
                 share = 1.0 - stable / square
             beta = share * h * h / stable
             speed = lever * velocities[world, actuator]
             aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
             aim[row, 7 + end] = h * h * mobility
-            gain = NEWMARK.velocity_gain * share * share * h
+            gain = wp.static(NEWMARK.velocity_gain) * share * share * h
             aim[row, end] += gain * speed + beta * ahead
             aim[row, 2 + end] = beta * mobility
 

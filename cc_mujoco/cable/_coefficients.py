@@ -53,6 +53,7 @@ def write_coefficients(
     hold_distal = at.row(work, n, at.HOLD_DISTAL)
     hold_proximal = at.row(work, n, at.HOLD_PROXIMAL)
     drag, viscosity = at.row(work, n, at.DRAG), at.row(work, n, at.VISCOSITY)
+    guess, travel, whole = at.row(work, n, at.SPEED), state[at.TRAVEL], prm[at.LENGTH]
     resting = law.holding_coefficient(values)
     drift = 1.0
     if is_state_dependent:
@@ -67,9 +68,7 @@ def write_coefficients(
         distal_hold = proximal_hold = constant_hold[j]
         angle = angles[j]
         if is_state_dependent:
-            angle *= law.wrap_factor(
-                values, state[at.TRAVEL], begin, reached, prm[at.LENGTH]
-            )
+            angle *= law.wrap_factor(values, travel, begin, reached, whole)
         mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
         coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
         holding = resting
@@ -86,9 +85,7 @@ def write_coefficients(
             if holding != coefficient:
                 distal_hold = proximal_hold = law.ratio(holding, angle)
         drag[j] = law.drag(values, length[j], growth[j], j, guided)
-        viscosity[j] = law.viscosity(
-            values, length[j], growth[j], at.row(work, n, at.SPEED)[j], dt
-        )
+        viscosity[j] = law.viscosity(values, length[j], growth[j], guess[j], dt)
         if asymmetry != 0.0:
             distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
             growth[j] = law.ratio(coefficient * distal, angle)
@@ -192,11 +189,10 @@ def commit(
         i = n * end
         behind = shift[n - 1] if end == 1 else step.proximal - state[0]
         ahead = step.distal - state[1] if end == 1 else shift[0]
-        strained = tension[i] + stiffness[i] * (ahead - behind)
+        stretched = ahead - behind
+        strained = tension[i] + stiffness[i] * stretched
         if is_curved:
-            strained = nodes.tension_after_stretch(
-                prm, n, i, tension[i], ahead - behind
-            )
+            strained = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
         node[i] = strained
@@ -248,9 +244,8 @@ def commit(
     if prm[at.CONSTANT_COULOMB] == 0.0:
         new_state[at.TIME] = state[at.TIME] + step.dt
         new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
-        new_state[at.HEAT] = law.heat_after_step(
-            at.scalars(prm), state[at.HEAT], lost, step.dt
-        )
+        values, heat = at.scalars(prm), state[at.HEAT]
+        new_state[at.HEAT] = law.heat_after_step(values, heat, lost, step.dt)
     new_state[2] += lost + max(mixed, 0.0)
     if lengthens:
         return
@@ -264,18 +259,15 @@ def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> No
     remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)
     speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
+    new_speeds, new_ages = at.slip_speeds(new_state, n), at.contact_ages(new_state, n)
     for j in range(n):
         moved = slipped[j]
         slip[j] = moved + before[j] if moved * before[j] > 0.0 else moved
     for j in range(n if remembers else 0):
         speed = speeds[j] if slipped[j] * before[j] > 0.0 else 0.0
-        at.slip_speeds(new_state, n)[j] = law.remembered_speed(
-            values, speed, slipped[j], dt
-        )
+        new_speeds[j] = law.remembered_speed(values, speed, slipped[j], dt)
     for j in range(n if prm[PLACE.ageing_friction] > 0.0 else 0):
-        at.contact_ages(new_state, n)[j] = law.age_after_step(
-            values, ages[j], slipped[j], dt
-        )
+        new_ages[j] = law.age_after_step(values, ages[j], slipped[j], dt)
 
 
 @internal

@@ -135,9 +135,8 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     either way.
     """
     further = 2.0 / (1.0 + values[PLACE.grease_exponent])
-    return float(
-        max(guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further, MIN_GREASE_SPEED)
-    )
+    risen = guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further
+    return float(max(risen, MIN_GREASE_SPEED))
 
 
 @internal

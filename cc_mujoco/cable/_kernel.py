@@ -310,9 +310,8 @@ def finish_step(
     if yield_proximal > 0.0 or yield_distal > 0.0:
         before.remove_end_springs(prm, n, step, yield_proximal, yield_distal)
     if prm[at.PATH_LENGTHENS] != 0.0:
-        moving_path.apply_material_law(
-            prm, n, at.tensions(state, n), at.tensions(new_state, n)
-        )
+        old, new = at.tensions(state, n), at.tensions(new_state, n)
+        moving_path.apply_material_law(prm, n, old, new)
         for end in range(2):
             sense, value = 1.0, step.proximal
             if end == 1:

@@ -91,9 +91,8 @@ def set_rest(cables: Cables, motor: float, joint: float, state: FloatMatrix) -> 
     """Bring the state (cables, numbers) to rest in pretension at these angles [rad]."""
     for k in range(cables.n.size):
         u_proximal, _ = proximal_displacement(cables, k, motor)
-        kernel.initialize(
-            cables.prm[k], cables.n[k], u_proximal, cables.distal[k] * joint, state[k]
-        )
+        prm, u_distal = cables.prm[k], cables.distal[k] * joint
+        kernel.initialize(prm, cables.n[k], u_proximal, u_distal, state[k])
 
 
 @compiled

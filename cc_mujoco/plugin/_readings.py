@@ -12,6 +12,7 @@ RK4 `data.actuator_force` is that of the last stage.
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -89,12 +90,11 @@ class Reader:
         """Places of the tensions of the nodes [N], below 0 where the cable is slack."""
         self.energy = self.start + 2
         """Place of the energy dissipated since reset [J]."""
-        self._compliance, self._strain = guided_compliance(cable), 0.0
-        self._lengths = -1
+        self._given: tuple[Any, ...] = self.start, guided_compliance(cable)
         if cable.path != PATHS[0]:
             # The first that is remembered of a path, see `_instance_data.path_memory`.
-            self._lengths = self.start + kernel.state_size(cable.segments) + PATH_MEMORY
-            self._compliance, self._strain = slack_compliance(cable)
+            lengths = self.start + kernel.state_size(cable.segments) + PATH_MEMORY
+            self._given = self.start, *slack_compliance(cable), lengths
         self._total = int(model.npluginstate)
 
     def read(self, plugin_state: FloatArray) -> CableReading:
@@ -109,9 +109,7 @@ class Reader:
                 f"this model has {self._total}"
             )
         states = plugin_state.reshape(-1, self._total)
-        found = read_states(
-            states, self.start, self._compliance, self._strain, self._lengths
-        )
+        found = read_states(states, *self._given)
         shape = plugin_state.shape[:-1]
         parts = (getattr(found, field.name) for field in fields(found))
         return CableReading(

@@ -20,8 +20,7 @@ from pathlib import Path
 
 from cc_mujoco.errors import CableError
 
-METADATA_KEY = b"cc_mujoco"
-"""Key of the metadata that mark a Parquet file as ours."""
+METADATA_KEY = b"cc_mujoco"  # key of the metadata that mark a Parquet file as ours
 MANIFEST = ".written"
 """File that lists the checksums of the files of a folder, see `write_manifest`."""
 

@@ -22,8 +22,7 @@ from typing import NamedTuple
 from cc_mujoco._utils.parsing import unreadable
 from cc_mujoco.errors import CableError
 
-HEAD_BYTES = 1 << 16
-"""Bytes of a file from which `layout` is found."""
+HEAD_BYTES = 1 << 16  # bytes of a file from which `layout` is found
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*|\s*[-+]?\d+,\s*")
 

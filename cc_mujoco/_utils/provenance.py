@@ -38,8 +38,7 @@ from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.errors import CableError
 
-POLICY_ENDING = ".safetensors"
-"""Ending of a policy's file."""
+POLICY_ENDING = ".safetensors"  # ending of a policy's file
 
 DECLARED = "CC_MUJOCO_FILES"
 """Name in a user's module of the files that it reads, a tuple of paths."""

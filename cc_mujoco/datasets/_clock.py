@@ -42,8 +42,7 @@ class _Limits(NamedTuple):
 
 
 _LIMITS = _Limits()
-GAP_FACTOR = 3.0
-"""An interval longer than this multiple of the usual one is a gap."""
+GAP_FACTOR = 3.0  # an interval longer than this multiple of the usual one is a gap
 
 
 def sort_rows(recording: Recording) -> Recording | None:

@@ -23,8 +23,7 @@ from cc_mujoco.datasets._trials import Constant, Locked, Split, TrialFacts
 from cc_mujoco.errors import CableError, naming
 from cc_mujoco.report._html import list_words
 
-MAX_DELAY = 2.0
-"""Delay of a channel that is no slip of the pen [s]."""
+MAX_DELAY = 2.0  # delay of a channel that is no slip of the pen [s]
 
 
 @dataclass(frozen=True)

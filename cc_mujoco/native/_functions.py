@@ -66,8 +66,7 @@ def own_entries(
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-FUNCTIONS: list[NativeFunction] = []
-"""All functions that have been declared, in order."""
+FUNCTIONS: list[NativeFunction] = []  # all functions that have been declared, in order
 
 
 class NativeFunction:

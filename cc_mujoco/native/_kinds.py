@@ -152,8 +152,7 @@ def kind_of(annotation: Any) -> Kind:
     raise UnknownTypeError(str(annotation))
 
 
-_records: dict[str, type] = {}
-"""Named tuples by the names of their types in C."""
+_records: dict[str, type] = {}  # named tuples by the names of their types in C
 
 
 def record_of(found: type) -> Structure:

@@ -34,8 +34,7 @@ from cc_mujoco.errors import CableError
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-CARRIED = Path(__file__).with_name(f"libcc_mujoco{SUFFIX}")
-"""The library of a wheel."""
+CARRIED = Path(__file__).with_name(f"libcc_mujoco{SUFFIX}")  # the library of a wheel
 DIGEST_NAME = "cc_mujoco_digest"
 """Name of the text in the library that identifies the code that it was made of."""
 FLAGS = (

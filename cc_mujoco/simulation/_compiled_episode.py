@@ -78,8 +78,7 @@ RECORD = np.dtype(
 which is also what MuJoCo makes of it when a simulation diverges."""
 
 _FIELD_COUNT = len(axis_record.Physics._fields)
-EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
-"""A simulation's `RECORD`."""
+EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]  # a simulation's `RECORD`
 
 
 @reinterpret

@@ -17,16 +17,11 @@ from cc_mujoco._utils.csv_files import read_sheet
 
 @dataclass(frozen=True)
 class LogColumn:
-    name: str
-    """Name, ending in the unit; `{cable}` stands for the name of a cable."""
-    unit: str
-    """SI unit, `1` for a pure number, `mixed` where entries differ."""
-    meaning: str
-    """One line for a reader who sees only the file."""
-    listed: bool = False
-    """True when every row holds a list of values instead of one."""
-    dtype: str = "float64"
-    """NumPy name of the element type."""
+    name: str  # name, ending in the unit; `{cable}` stands for the name of a cable
+    unit: str  # SI unit, `1` for a pure number, `mixed` where entries differ
+    meaning: str  # one line for a reader who sees only the file
+    listed: bool = False  # true when every row holds a list of values instead of one
+    dtype: str = "float64"  # NumPy name of the element type
 
 
 MODEL_XML, AXES = "model_xml", "axes"

@@ -23,8 +23,7 @@ from cc_mujoco.control import Controller
 from cc_mujoco.control._registry import controller_errors
 from cc_mujoco.errors import CableError
 
-Columns = Mapping[str, Any]
-"""Columns of an episode log that the plant has."""
+Columns = Mapping[str, Any]  # columns of an episode log that the plant has
 
 Observer = Callable[[int, Columns, NDArray[np.float64]], object]
 """Function of the control step, its columns and the torque that follows [N m]; may
@@ -34,8 +33,7 @@ raise."""
 class DrivenDevice(Protocol):
     """Plant that a controller drives: one device, or several as arrays."""
 
-    steps: int
-    """Control steps in an episode."""
+    steps: int  # control steps in an episode
     prefixes: tuple[str, ...]
     """Column prefix of each axis; one that is empty for a single axis."""
 

@@ -27,8 +27,7 @@ time, sine and cosine of the phase, and the desired torque [N m] where a task is
 `scripted`, else 0."""
 
 
-PART_STEPS = 16_384
-"""Control steps of a script that are computed at once."""
+PART_STEPS = 16_384  # control steps of a script that are computed at once
 
 
 class ScriptPart(NamedTuple):
@@ -124,8 +123,7 @@ class Author:
         self._steps = steps
         self.frame_skip = frame_skip
         self._single_script: Script | None = None
-        self._wearers = device.wearers
-        """Wearers of that script."""
+        self._wearers = device.wearers  # wearers of that script
 
     def write(self, rng: np.random.Generator) -> Script:
         """Write the script of an episode.

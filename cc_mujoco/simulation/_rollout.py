@@ -37,8 +37,7 @@ from cc_mujoco.simulation._wiring import OF_PHASE, TASK_CODES, parameters_of
 from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
 _one = threading.Lock()
-TICK_STEPS = 200
-"""Control steps between two calls of a tick."""
+TICK_STEPS = 200  # control steps between two calls of a tick
 
 
 @dataclass(frozen=True)

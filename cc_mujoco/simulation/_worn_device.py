@@ -346,8 +346,7 @@ class Ranges:
         by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
         (`flexor.friction`).
         """
-        self.nominal = Plant(device)
-        """The scene as it is."""
+        self.nominal = Plant(device)  # the scene as it is
         self._ranges: dict[str, tuple[float, float, float]] = {}
         for name, ends in require_dictionary("randomise", given).items():
             try:

@@ -282,8 +282,7 @@ class Capsules:
         The model is changed in place; `highest` is the tension of the brightest colour
         [N].
         """
-        self.highest = highest
-        """Tension of the brightest colour [N]."""
+        self.highest = highest  # tension of the brightest colour [N]
         self._model = model
         self._lines = cable_lines(model, cables)
         for line in self._lines:

@@ -29,11 +29,9 @@ if TYPE_CHECKING:
 class LabelledEpisode(NamedTuple):
     """One of those beside each other, all of the same cables."""
 
-    name: str
-    """Name of the episode, distinct from the others."""
+    name: str  # name of the episode, distinct from the others
     log: EpisodeLog
-    model: mujoco.MjModel
-    """The model that it was played on."""
+    model: mujoco.MjModel  # the model that it was played on
 
 
 def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:

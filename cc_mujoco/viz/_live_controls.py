@@ -27,10 +27,8 @@ SPACE, ESCAPE, ENTER = 32, 256, 257
 RIGHT, LEFT, DOWN, UP, HOME, END = 262, 263, 264, 265, 268, 269
 """Keys, as GLFW numbers them; all but space, escape and enter have no other use."""
 
-STEP_FACTOR = 1.25
-"""Factor of friction or pretension from one key to the next."""
-MAX_STEPS = 10
-"""Steps from the scene's value, either way."""
+STEP_FACTOR = 1.25  # factor of friction or pretension from one key to the next
+MAX_STEPS = 10  # steps from the scene's value, either way
 
 
 class Slider(NamedTuple):
@@ -58,12 +56,9 @@ class Knobs:
         self._laws: tuple[str, ...] = (*own, *known) if controller else ()
         self._law = self._laws.index(controller) if controller else 0
         self._steps = [0.0, 0.0]  # of friction and pretension from the scene's
-        self.paused = False
-        """True while the episode stands still."""
-        self.restart = False
-        """True if the episode is to begin anew."""
-        self.quit = False
-        """True if the episode is to end."""
+        self.paused = False  # true while the episode stands still
+        self.restart = False  # true if the episode is to begin anew
+        self.quit = False  # true if the episode is to end
 
     def press(self, key: int) -> None:
         """Take a key; those that mean nothing are ignored."""

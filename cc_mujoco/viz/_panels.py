@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-FRAME_RATE = 30
-"""Frames per simulated second [1/s]."""
+FRAME_RATE = 30  # frames per simulated second [1/s]
 MAX_SAMPLES = 60_000
 """Most samples that a recording, a page or a figure plots: of a longer episode every
 k-th one, so that they need no more memory for it."""
@@ -48,8 +47,7 @@ def frame_rate(time: Array, rate: float, most: int) -> float:
 
 class PlotLine(NamedTuple):
     label: str
-    values: Array
-    """Values of all samples (T,), in the unit of its panel."""
+    values: Array  # values of all samples (T,), in the unit of its panel
     color: str
     dashed: bool = False
 

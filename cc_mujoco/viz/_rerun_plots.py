@@ -41,8 +41,7 @@ CABLE_SERIES = (
 class Series(NamedTuple):
     path: tuple[str, ...]
     name: str
-    values: NDArray[np.float64]
-    """Values of all samples (T,)."""
+    values: NDArray[np.float64]  # values of all samples (T,)
     color: int
 
 

@@ -31,11 +31,9 @@ from cc_mujoco.viz._cable_lines import Capsules
 from cc_mujoco.viz._live_controls import Sliders
 from cc_mujoco.viz._scene3d import viewpoint
 
-Rows = tuple[tuple[str, str], ...]
-"""Lines of two columns."""
+Rows = tuple[tuple[str, str], ...]  # lines of two columns
 
-MIN_FRAME_TIME = 1.0 / 60.0
-"""Least time from frame to frame [s]."""
+MIN_FRAME_TIME = 1.0 / 60.0  # least time from frame to frame [s]
 
 
 class Frame(NamedTuple):
@@ -147,8 +145,7 @@ class Screen:
         self._mouse_was_active = False
         self._frame: Frame | None = None
         self._left = threading.Event()
-        self.painted = 0
-        """Frames so far."""
+        self.painted = 0  # frames so far
         # Not waited for at exit: the viewer never returns from a text once it is shut.
         self._draw_thread = threading.Thread(target=self._draw_frames, daemon=True)
         self._draw_thread.start()

@@ -248,8 +248,8 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
     follow(block, model, data, state)
     block.path_evaluation = lead.evaluation_count + 1
     ends, _ = _ends(model, data, block)
-    known, looks = True, implicit_ends.is_implicit(model, block)
-    if not looks:
+    known, implicit = True, implicit_ends.is_implicit(model, block)
+    if not implicit:
         known = evaluating.evaluate(block, state, ends, (0.0, 0.0), dt)
     elif not evaluating.is_evaluated(block, data, state, ends):
         aim = np.empty(9)
@@ -257,7 +257,7 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
         known = implicit_ends.evaluate_prediction(model, block, state, aim, dt)
     if known:
         pull(block, model, data)
-        block.early_pull = blocks.EARLY_REPLACED if looks else blocks.EARLY_KEPT
+        block.early_pull = blocks.EARLY_REPLACED if implicit else blocks.EARLY_KEPT
 
 
 @internal
@@ -417,7 +417,7 @@ def compute(
     state, dt = evaluating.origin(block, model, data, instance)
     begins = state == ffi.state(model, data, instance)
     ends, lever = _ends(model, data, block)
-    looks = False
+    implicit = False
     if usable:
         if block.path_evaluation != lead.evaluation_count:
             follow(block, model, data, state)
@@ -431,7 +431,7 @@ def compute(
             pose = blocks.committed(state, n).pose
             touched = messages.position_changed(data.qpos[: model.nq], pose)
             block.position_changed = int(touched)
-        looks = implicit_ends.is_implicit(model, block)
+        implicit = implicit_ends.is_implicit(model, block)
     block.path_evaluation = 0
     if cut:
         messages.warn_once(model, instance, messages.NO_PASSIVE)
@@ -439,7 +439,7 @@ def compute(
         block.input_positions[end] = ends[end]
         block.input_velocities[end] = data.actuator_velocity[block.outputs[end]]
     known = False
-    if usable and not cut and looks:
+    if usable and not cut and implicit:
         aim = np.empty(9)
         implicit_ends.predict_ends(model, data, block, lead, aim)
         known = implicit_ends.evaluate_prediction(model, block, state, aim, dt)

@@ -174,7 +174,7 @@ def kernels(
             own.solve_step(rows.prm[row], n, 0, 0, step_of(rows, row, h))
 
     @wp.func
-    def asks_again(rows: CableRows, row: int, n: int, attempt: int):
+    def needs_another(rows: CableRows, row: int, n: int, attempt: int):
         """Aim the next attempt, if one is due; see `plugin/_implicit_ends.py`."""
         if attempt == ATTEMPTS - 1:
             return False
@@ -238,7 +238,7 @@ def kernels(
             own.finish_step(rows.prm[row], n, 0, 0, step_of(rows, row, h))
         if wp.static(implicit):
             if status != kernel.NOT_FINITE and rows.looks[cable] != 0:
-                if asks_again(rows, row, n, attempt):
+                if needs_another(rows, row, n, attempt):
                     return
         for end in range(2):
             tension = wp.max(rows.state[1 - now, row, at.STATE_HEADER + end * n], 0.0)

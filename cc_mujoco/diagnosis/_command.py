@@ -162,8 +162,11 @@ class Diagnose:
 
         speed = Limit.default_speed if self.speed is None else self.speed
         limits: Any = {"axis": self.axis, "reach": self.reach, "speed": speed}
-        print(f"choosing trials for {scene}", file=sys.stderr, flush=True)
-        found = plan(scene, self.out, dataset_toml=self.dataset, **limits)
+
+        def begun() -> None:
+            print(f"choosing trials for {scene}", file=sys.stderr, flush=True)
+
+        found = plan(scene, self.out, dataset_toml=self.dataset, begun=begun, **limits)
         for motion in found.trials:
             print(f"  {motion.description}")
         weak = [each for each in found.resolved if each.separation < Limit.min_clarity]

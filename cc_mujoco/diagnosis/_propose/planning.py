@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -262,6 +262,7 @@ def plan(
     speed: float = Limit.default_speed,
     dataset_toml: str | os.PathLike[str] | None = None,
     ids: Sequence[str] | None = None,
+    begun: Callable[[], object] = lambda: None,
 ) -> TrialPlan:
     """Choose trials by which every effect of the library shows and is distinguished.
 
@@ -277,6 +278,7 @@ def plan(
             of the joint's torque sensor is that of the device's description unless it
             is declared here.
         ids: effects to consider; default all.
+        begun: called once all is checked, before the seconds that it takes.
 
     Raises:
         CableError: a scene that cannot be diagnosed, limits that are none or that the
@@ -314,6 +316,7 @@ def plan(
     declared = "" if dataset_toml is None else _read_declarations(Path(dataset_toml))
     noise = _noise(file, instruments, bench)
     noise |= derived_noise(noise, instruments, file.rig, bench)
+    begun()
     with single_threaded_blas():
         cells = [name for name in file.columns if channels.is_tension(name)]
         found = planned(bench, swing, speed, file.rig, noise, ids, instruments, cells)

@@ -102,8 +102,8 @@ class CableLine:
         if self.part != CONDUIT:
             end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
             return np.repeat(end, len(self.fine) - 1, axis=-1)
-        places, middle = self._places(nodes.shape[-1]), self.fine[:-1] + self.fine[1:]
-        middle = 0.5 * middle
+        places = self._places(nodes.shape[-1])
+        middle = 0.5 * (self.fine[:-1] + self.fine[1:])
         low = np.clip(np.searchsorted(places, middle) - 1, 0, places.size - 2)
         share = (middle - places[low]) / (places[low + 1] - places[low])
         share = np.clip(share, 0.0, 1.0)
@@ -126,7 +126,7 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
         if isinstance(source, int):
             tendon, radius = source, float(model.tendon_width[source])
         shares = conduit_shares(model, cable)
-        # So few would cut its bends
+        # Fewer points would cut its bends.
         fine = shares if shares.size > 60 else np.linspace(0.0, 1.0, 61)
         found.append(CableLine(cable, CONDUIT, source, radius, shares, fine))
         for part, rope in _ropes(model, cable, tendon):

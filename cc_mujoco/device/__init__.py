@@ -1,13 +1,14 @@
-"""Devices: a scene and its description, on its MuJoCo model, with values changed.
+"""Devices: a MuJoCo scene, its description, the parts of its model, changed values.
 
     from cc_mujoco.device import Device, Plant
     Plant(Device("knee.xml"), {"friction": 0.2, "wearer": 0.5}).model()
 
-`Device` is an MJCF file with what it does not tell (`Description`), `DeviceModel` the
-places of its parts on a compiled model, `Plant` a device with values changed, `Drive`
-what a controller knows of one axis. `Sensing` is the quality of its sensors. `VALUES`
-lists what can be changed, `VARIABLES` which of it a design may set, `IN_EPISODES` which
-of it may change from episode to episode of one model, `MATERIALS` the ropes.
+`Device` is an MJCF scene with its `Description`, which holds what MJCF cannot say.
+`DeviceModel` has the indices of its parts in a compiled model, `Plant` is a device with
+values changed, `Drive` holds what a controller knows of one axis, `Sensing` the quality
+of the sensors. `VALUES` lists the values that can be changed, `VARIABLES` those that a
+design may set, `IN_EPISODES` those that may change between episodes of one model,
+`MATERIALS` the properties of ropes in conduits.
 """
 
 import lazy_loader

@@ -1,6 +1,7 @@
-"""Columns of a device with several axes: those of an axis begin with its name.
+"""Log columns of a device with several axes: each begins with the name of its axis.
 
-column_prefixes(["hip", "ankle"])           # ("hip.", "ankle."); of one axis ("",)
+column_prefixes(["hip", "ankle"])           # ("hip.", "ankle.")
+column_prefixes(["knee"])                   # ("",)
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from cc_mujoco.errors import CableError
 
 
 def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the beginnings of the columns of axes by their names."""
+    """Return the prefix of each axis's columns: `NAME.`, or "" for a single axis."""
     found = tuple(names)
     return ("",) if len(found) == 1 else tuple(f"{name}." for name in found)
 
@@ -20,7 +21,10 @@ def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
 def axis_columns(
     columns: Mapping[str, Any], prefix: str, prefixes: Sequence[str]
 ) -> Mapping[str, Any]:
-    """Return the columns of one axis under plain names, with those of the device."""
+    """Return the columns of the axis with `prefix`, without it, and those of no axis.
+
+    `prefixes` are those of all axes of the device.
+    """
     if not prefix:
         return columns
     every, size = tuple(prefixes), len(prefix)
@@ -32,9 +36,13 @@ def axis_columns(
 
 
 def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
-    """Return the parts of `hip=pi,ankle=model` by axis, or a text without any.
+    """Return the value for each axis from a text such as `hip=pi,ankle=model`.
 
-    `hip=sine:0.3,frequency=2` is one part, as numbers follow a colon.
+    A text that names no axis is returned unchanged. `hip=sine:0.3,frequency=2` is one
+    value: after a colon, `NAME=NUMBER` belongs to it.
+
+    Raises:
+        CableError: An axis is unknown or named twice.
     """
     known, last = tuple(names), ""
     found: dict[str, str] = {}

@@ -1,7 +1,7 @@
 """Readings of an axis: one compiled function, for environments, batches and episodes.
 
-An axis has a record of where its parts lie in the arrays of a simulation, which are
-known by their addresses.
+A record of dtype `AXIS` has the indices of an axis's parts in MuJoCo's arrays, and its
+constants. The function gets the addresses of the arrays in memory.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ AxisRecord = Annotated[Any, ("AxisRecord", AXIS)]
 
 
 class Physics(NamedTuple):
-    """Arrays of a simulation, or of several with a leading axis."""
+    """Arrays of `mjData` for readings, of one simulation or of several as rows."""
 
     qpos: Array
     qvel: Array
@@ -82,12 +82,12 @@ class Physics(NamedTuple):
     actuator_moment: Array
 
     def detached(self) -> Physics:
-        """Return a copy whose results are writable arrays of their own."""
+        """Return a copy that owns its results (the states remain shared)."""
         found = {name: getattr(self, name).copy() for name in self._fields[3:]}
         return self._replace(**found)
 
     def take(self, other: Physics, row: Any = slice(None)) -> None:
-        """Copy the results of another record, for all simulations or one."""
+        """Copy the results (not the states) of `other` into all rows or one `row`."""
         for name in self._fields[3:]:
             getattr(self, name)[row] = getattr(other, name)
 
@@ -140,7 +140,7 @@ def real(array: int, index: int) -> float:
 
 @internal
 def _interpolated(at: float, knots: FloatArray, values: FloatArray) -> float:
-    """Return what `np.interp` does of a number, to the bit."""
+    """Return `np.interp(at, knots, values)` for a number, bit for bit."""
     last = knots.size - 1
     if at < knots[0]:
         return float(values[0])
@@ -161,7 +161,10 @@ def _interpolated(at: float, knots: FloatArray, values: FloatArray) -> float:
 
 @internal
 def _read_winding(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
-    """Read angle, velocity and leverage of the winding; see `Winding.read`."""
+    """Write the winding's angle [rad], velocity [rad/s] and leverage [-] into `found`.
+
+    The definitions are those of `Winding.read` and `TabledWinding.read`.
+    """
     angle, velocity = found[JOINT_ANGLE], found[JOINT_VELOCITY]
     knots, count = axis.knots, axis.wound
     if knots > 0:
@@ -188,10 +191,10 @@ def _read_winding(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
 
 @internal
 def read_axis(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
-    """Write `READING_COLUMNS` by the addresses of arrays in the order of `Physics`.
+    """Write the values of `READING_COLUMNS` into `found`.
 
-    Angles and velocities are those after the last physics step, torques those that
-    acted in it.
+    `at` has the addresses of MuJoCo's arrays, in the order of `Physics`. Angles and
+    velocities are those after the last physics step, torques those that acted in it.
     """
     joint = axis.joint_v
     # Cables on open paths pull by passive forces, added to those of the joints.

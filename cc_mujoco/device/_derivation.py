@@ -1,7 +1,7 @@
 """Derivation of a device from its scene: motors, cables, joints, scales, wearers.
 
-What the scene does not tell has the defaults stated here, unless the file beside the
-scene gives it.
+A property that neither the scene nor the description file gives takes the default
+stated here.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class _End(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """A scene that is described."""
+    """Scene to be described: specification, moment arms, cables and their ends."""
 
     name: str
     spec: mujoco.MjSpec
@@ -86,7 +86,7 @@ class _Scene(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """An axis, its table in the file, and what sets the scale of its sensors."""
+    """Derived axis, its table in the description, and its largest torque and arm."""
 
     axis: Axis
     keys: Keys
@@ -95,10 +95,10 @@ class _Found(NamedTuple):
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
-    """Return the description of a scene, with a wearer added where it has none.
+    """Return the description of a scene, and prepare the scene in place.
 
-    Bodies of `spec` that are to be held, names and wearers are changed. `table` is the
-    file of the description, empty where there is none.
+    `spec` loses its free joints, gets names for unnamed parts and an actuator of the
+    wearer where the scene has none. `table` is the description file, empty without one.
     """
     table.only(*KEYS[""])
     keys = Keys(table, {})
@@ -158,7 +158,7 @@ def _names_of(elements: Iterable[Any]) -> list[str]:
 
 
 def _hold_root(spec: mujoco.MjSpec, keys: Keys) -> None:
-    """Remove free joints, unless the description keeps them."""
+    """Delete free joints and keyframes, unless the description has `root = "free"`."""
     choice = keys.table.choice("root", ("held", "free"))
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
     if not free or keys.given("root", choice, "held") == "free":
@@ -189,7 +189,7 @@ def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
 
 
 def _warn_of_degrees(model: mujoco.MjModel, scene: str) -> None:
-    """Warn of the range of a hinge that looks like degrees."""
+    """Warn if the range of a hinge exceeds 6 pi rad, which suggests degrees."""
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
     plain = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
     for joint in np.flatnonzero(hinges).tolist():
@@ -205,7 +205,7 @@ def _warn_of_degrees(model: mujoco.MjModel, scene: str) -> None:
 
 
 def _name_parts(spec: mujoco.MjSpec) -> None:
-    """Name what a device has to find again: actuators and joints without a name."""
+    """Name the unnamed joints and actuators, so that the device finds them by name."""
     taken = {*_names_of(spec.actuators)}
     for place, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint_{place}"
@@ -219,7 +219,11 @@ def _name_parts(spec: mujoco.MjSpec) -> None:
 
 
 def _period(keys: Keys, timestep: float, scene: str) -> float:
-    """Return the control period [s]; warns where it cannot be 1 ms."""
+    """Return the control period [s], by default 1 ms.
+
+    If time steps of the scene do not add up to 1 ms, the default is the nearest whole
+    number of them, with a warning.
+    """
     steps = max(round(PERIOD / timestep), 1)
     fits = abs(steps * timestep - PERIOD) < 1e-9
     default = PERIOD if fits else steps * timestep
@@ -252,7 +256,7 @@ def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End
 
 
 def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
-    """Return the tables of axes by the motors that they are of."""
+    """Return the table of each axis in the description, by the name of its motor."""
     given, names = table.content.get("axis", []), list(motors)
     several = isinstance(given, list)
     tables: dict[str, Table] = {}
@@ -310,7 +314,7 @@ def _axes(scene: _Scene, file: Table) -> list[_Found]:
 
 
 def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]:
-    """Return the axes, those of one joint named by their motors by default."""
+    """Return the axes; by default those that share a joint take their motor's name."""
     joints = [one.axis.joint for one in found]
     named = []
     for one in found:
@@ -404,7 +408,7 @@ def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Foun
 def _warn_of_dead_centre(
     scene: _Scene, cable: str, joint: int, centre: float, reach: float
 ) -> None:
-    """Warn of angles of named trajectories at which a cable hardly turns its joint."""
+    """Warn if a cable's moment arm nearly vanishes within `centre` +- `reach` [rad]."""
     model, out = scene.model, scene.ends[cable][1].out
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
@@ -429,7 +433,7 @@ def _require_hinge(model: mujoco.MjModel, joint: int, what: str) -> None:
 
 
 def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
-    """Return the largest torque of a motor [N m]; a given one goes into the scene."""
+    """Return a motor's largest torque [N m]; write one from the file to the scene."""
     model = scene.model
     name, gain = model.actuator(motor).name, float(model.actuator_gainprm[motor, 0])
     gear = float(model.actuator_gear[motor, 0])
@@ -463,10 +467,9 @@ def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
 
 
 def _make_motor(scene: _Scene, motor: int, torque: float | None) -> float:
-    """Make a `<dcmotor>` a `<motor>` in the scene; return its largest torque [N m].
+    """Turn a `<dcmotor>` of the scene into a `<motor>`; return its torque limit [N m].
 
-    By default that is the torque at rest under the voltage that its `ctrlrange` has
-    both ways.
+    By default that is its stall torque at the smaller end of its voltage `ctrlrange`.
     """
     model = scene.model
     name, gear = model.actuator(motor).name, abs(float(model.actuator_gear[motor, 0]))
@@ -519,10 +522,11 @@ def _driven_joint(scene: _Scene, wound: Sequence[str], drum: int, keys: Keys) ->
 def excursion(
     model: mujoco.MjModel, joint: int, given: float | None = None
 ) -> tuple[float, float]:
-    """Return centre and reach of named trajectories at a joint [rad].
+    """Return centre and amplitude of the built-in trajectories at a joint [rad].
 
-    The centre is the neutral angle, unless that is too near to a stop. `given` is the
-    reach of the description [rad], used where it fits the range of the joint.
+    The centre is the neutral angle or, if that is near a stop, the middle of the range.
+    `given` is the amplitude of the description [rad], used if the range has room for
+    it.
     """
     neutral = float(model.qpos0[model.jnt_qposadr[joint]])
     if not model.jnt_limited[joint]:
@@ -541,7 +545,11 @@ def excursion(
 def _units(
     keys: Keys, reach: float, largest: float, demanded: float
 ) -> dict[str, float]:
-    """Return the sizes that count as 1, by column."""
+    """Return the scale of each observed column, by which observations are divided.
+
+    `reach` is the amplitude of the motion [rad], `largest` and `demanded` are the
+    largest and the usual torque of the joint [N m].
+    """
     keys.table.only(*UNITS, "phase")
     # Usual sizes of a motion within `reach`: observations of a policy are about 1.
     defaults = {
@@ -558,7 +566,7 @@ def _units(
 
 
 def _lever(scene: _Scene, end: _End, joint: int, keys: Keys) -> tuple[str, ...]:
-    """Return the sites that move with a lever; none for a pulley or an open path."""
+    """Return the sites that move with a lever; () for a pulley or an open path."""
     spec, model = scene.spec, scene.model
     given = keys.given("lever", keys.table.content.get("lever"), None, SCENE)
     if given is not None:
@@ -581,7 +589,7 @@ def _lever(scene: _Scene, end: _End, joint: int, keys: Keys) -> tuple[str, ...]:
 
 
 def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
-    """Return the sensors; noise that is not given goes with the largest torque."""
+    """Return the sensors; default noise is 0.2 % of the largest torque or tension."""
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)
     keys = Keys(table, file.sources, "sensors.")
@@ -604,13 +612,13 @@ def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
 
 
 def known_torque_noise(description: Description) -> float:
-    """Return the noise of the joint torque sensor, 0 where it is only assumed [N m]."""
+    """Return the noise of the joint torque sensor [N m]; 0 if nobody gave it."""
     assumed = description.sources.get("sensors.torque_noise") == ASSUMED
     return 0.0 if assumed else description.sensing.torque_noise
 
 
 def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
-    """Return the actuators by which the wearer moves joints; adds those that lack."""
+    """Return the wearer's actuator at each joint, by joint; add missing ones."""
     spec, model = scene.spec, scene.model
     driven = [axis.joint for axis in axes]
     hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).tolist()
@@ -675,7 +683,7 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
 
 
 def _springs(model: mujoco.MjModel, joint: str) -> list[str]:
-    """Return the actuators that pull a joint to where their control says."""
+    """Return the position actuators at a joint that have no activation dynamics."""
     springs = (
         joint_actuators(model, model.joint(joint).id)
         & (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
@@ -688,7 +696,7 @@ def _springs(model: mujoco.MjModel, joint: str) -> list[str]:
 
 
 def _is_moved(arms: Arms, joint: str) -> bool:
-    """Return whether actuators other than cables move a joint, such as muscles."""
+    """Return whether actuators on tendons or sites, other than cables, move a joint."""
     model = arms.model
     others = model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT
     reach = arms.most[model.actuator_outadr, model.joint(joint).dofadr[0]]
@@ -696,11 +704,11 @@ def _is_moved(arms: Arms, joint: str) -> bool:
 
 
 def _with_cuff(scene: _Scene, found: _Found) -> Axis:
-    """Put the cables of an axis that has a cuff on a frame, strapped to the limb.
+    """Attach the cables of an axis with a cuff to a frame that is strapped to the limb.
 
-    The scene gets a body, a hinge and a tendon by `stiffness`, `damping` and `inertia`.
-    Returns the axis with the frame's joint in place of the limb's. A cable that wraps
-    around the limb itself is refused.
+    The scene gets the frame's body and hinge, and a tendon as the strap, with the
+    `stiffness`, `damping` and `inertia` of the description. The axis that is returned
+    has the frame's joint. A cable that wraps around the limb itself is refused.
     """
     spec, model, axis = scene.spec, scene.model, found.axis
     if "cuff" not in found.keys.table.content:
@@ -749,7 +757,7 @@ def _with_cuff(scene: _Scene, found: _Found) -> Axis:
 def _move_ends(
     spec: mujoco.MjSpec, axis: Axis, limb: str, frame: mujoco.MjsBody, table: Table
 ) -> None:
-    """Attach to the frame what the cables of an axis held of the limb."""
+    """Move the ends of an axis's cables from the limb's joint and sites to `frame`."""
     tendons = set()
     for actuator in spec.actuators:
         if actuator.plugin.name not in axis.cables:

@@ -1,4 +1,4 @@
-"""Description of a device: what its scene does not tell, and the axes it has.
+"""Description of a device: its axes, and the properties that MJCF cannot express.
 
     knee.device.toml, beside knee.xml
 
@@ -13,7 +13,7 @@
         [wearer.knee]
         actuator = "human"            # or stiffness = 300, damping = 6
 
-Every key is optional; `_derivation` finds or assumes what is missing.
+Every key is optional; `_derivation` derives or assumes those that are missing.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ PERIOD = 1e-3
 
 @dataclass(frozen=True)
 class Slip:
-    """Friction of an axis' cables, from which a safe torque is assumed."""
+    """Friction of an axis's cables, from which its safe joint torque is derived."""
 
     friction: float = 0.0  # friction coefficient times wrap
     rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the torque, taken at the joint, that winds against one there [N m]."""
+        """Return the motor torque, scaled to the joint, that lifts `torque` [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 
     def safe_torque(self, demand: float) -> float:
-        """Return a safe torque that leaves room for a demand [N m], twice it or more.
+        """Return a safe joint torque with room for `demand`, at least twice it [N m].
 
-        A motor that holds the demand against friction makes more of it by twice that
-        friction where the joint turns, before a controller answers.
+        A motor that holds the demand against friction overshoots it by twice that
+        friction when the joint reverses, before a controller can respond.
         """
         turned = demand + 2.0 * (self.held(demand) - demand)
         return rounded(max(2.0 * demand, turned))
@@ -63,7 +63,7 @@ class Cuff:
     """Compliance between a device and the limb that it is strapped to.
 
     The cables turn a frame about the axis of the joint. A spring and a damper connect
-    the frame to the limb: torque = stiffness deflection + damping its rate.
+    it to the limb: torque = stiffness times deflection + damping times deflection rate.
     """
 
     stiffness: float  # above 0 [N m/rad]
@@ -131,7 +131,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Description:
-    """Properties that distinguish one device from another."""
+    """Axes, wearer, sensors, default motion and ropes of a device."""
 
     scene: str
     """Name of a built-in scene, or path of an MJCF file."""
@@ -161,11 +161,10 @@ class Description:
     """Parameters of position controllers by axis and name, see `_device_files`."""
 
     def axis(self, name: str | None = None) -> Axis:
-        """Return an axis by its name; the only one of a device by default.
+        """Return the axis called `name`; a device with a single axis needs no name.
 
         Raises:
-            CableError: There is none by that name, or none is named and there are
-                several.
+            CableError: No axis has that name, or no name is given for several axes.
         """
         named = {axis.name: axis for axis in self.axes}
         if name is None and len(named) == 1:
@@ -179,19 +178,19 @@ class Description:
         return named[name]
 
     def rivals(self, axis: Axis) -> tuple[str, ...]:
-        """Return the cables of other axes that drive the joint of this one."""
+        """Return the cables of all other axes that drive the same joint as `axis`."""
         others = (one for one in self.axes if one.motor != axis.motor)
         rivals = (one for one in others if one.joint == axis.joint)
         return tuple(cable for one in rivals for cable in one.cables)
 
     @property
     def prefixes(self) -> tuple[str, ...]:
-        """Beginnings of the columns of each axis; empty where there is only one."""
+        """Prefix of each axis's log columns: `NAME.`, or "" for a single axis."""
         return column_prefixes(axis.name for axis in self.axes)
 
 
 def device_label(scene: str) -> str:
-    """Return the name of a device for tables, without folder and ending."""
+    """Return the name of a device for tables: its path without folder and ending."""
     name = Path(scene).name
     return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
 
@@ -201,14 +200,17 @@ GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"
 
 
 class Keys(NamedTuple):
-    """Keys of a table, whose values or defaults are noted with their origin."""
+    """Reader of a table that notes the origin of each value or default in `sources`."""
 
     table: Table
     sources: dict[str, str]  # origins by key, written
     label: str = ""  # beginning of the keys in `sources`
 
     def given(self, key: str, value: Any, default: Any, origin: str = ASSUMED) -> Any:
-        """Return a value of the file or, where it is None, a default of an origin."""
+        """Return `value`, from the file, or `default` if it is None; record the origin.
+
+        The origin is `GIVEN` for a value of the file, and `origin` for the default.
+        """
         self.sources[self.label + key] = origin if value is None else GIVEN
         return default if value is None else value
 

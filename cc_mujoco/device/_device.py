@@ -1,11 +1,11 @@
-"""A device: a scene with a motor and a cable, and what the scene does not tell.
+"""A device: a MuJoCo scene with motors and cables, and its description.
 
     device = Device("knee.xml")            # with knee.device.toml, if that is there
     device.description.axes[0].joint       # 'knee'
     Device("wrist")                        # one that ships with the package
 
 A device is given by the name of a built-in scene, by an MJCF file or by the TOML file
-of a description, and everything else takes the same three.
+of its description. Every function that takes a device accepts these three.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _ONE = threading.Lock()
 
 
 class Nominal:
-    """A device as it is, with no value changed."""
+    """Description, cables and wearers of a device, before any value is changed."""
 
     def __init__(
         self,
@@ -49,17 +49,17 @@ class Nominal:
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """Names of the axes."""
+        """Names of the axes, in the order of the description."""
         return tuple(self.axis_cables)
 
     @property
     def axis_cables(self) -> dict[str, tuple[str, ...]]:
-        """Names of the cables that move each axis, by the name of the axis."""
+        """Names of the cables that each axis's motor winds, by the axis's name."""
         return {axis.name: tuple(axis.cables) for axis in self.description.axes}
 
 
 class Device(Nominal):
-    """A device as its scene has it, from which models with other values are made."""
+    """A device with the values of its scene; a `Plant` changes some of them."""
 
     def __init__(
         self, source: str | Path, timestep: float | None = None, **given: Any
@@ -67,9 +67,9 @@ class Device(Nominal):
         """Read the scene and its description.
 
         `source` is the name of a built-in scene, or the path of an MJCF file (`*.xml`)
-        or a description (`*.toml`). `timestep` of the physics [s] is that of the scene
-        by default. Keys that are `given` take the place of those of the file, for
-        example `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
+        or a description (`*.toml`). `timestep` is that of the physics [s], by default
+        the scene's. Keys in `given` replace those of the description, for example
+        `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
 
         Raises:
             CableError: There is no such scene, or it is no device.
@@ -100,16 +100,16 @@ class Device(Nominal):
 
     @classmethod
     def from_mjcf(cls, path: str | Path, **given: Any) -> Device:
-        """Read an MJCF file with its description; `given` and errors as of `Device`."""
+        """Read an MJCF file and its description; see `Device` for `given`, errors."""
         return cls(Path(path), **given)
 
     @classmethod
     def from_spec(
         cls, spec: mujoco.MjSpec, name: str = "device", **given: Any
     ) -> Device:
-        """Make a device of a specification, which is copied, as of `add_cable`.
+        """Make a device from a MuJoCo specification, for example one with `add_cable`.
 
-        `given` are keys of a description, as of `Device`.
+        The specification is copied. `given` are keys of a description, see `Device`.
 
         Raises:
             CableError: It is no device.
@@ -121,7 +121,7 @@ class Device(Nominal):
         return made
 
     def variant(self, scene: str | Path) -> Device:
-        """Return the device with another scene, described as this one is.
+        """Return a device with the description of this one and another scene.
 
         `scene` is the path of an MJCF file, for example of one that a diagnosis wrote.
 
@@ -186,7 +186,7 @@ class Device(Nominal):
         return frame_skip(self.description, float(self.spec.option.timestep))
 
     def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
-        """Return the scene without visuals, except `kept` tendons."""
+        """Return the scene without visual elements, except the tendons in `kept`."""
         with _ONE:  # two threads would make two, and what one stands on would go
             if kept not in self._bare:
                 self._bare[kept] = stripping.strip(self.spec, kept)
@@ -212,7 +212,7 @@ def frame_skip(description: Description, timestep: float) -> int:
 
 
 def find_device(source: str | Path | Device) -> Device:
-    """Return a device by its name or file; a device itself is returned as it is.
+    """Return the device of a name or a file; a `Device` is returned unchanged.
 
     Raises:
         CableError: There is no such device.
@@ -229,10 +229,10 @@ def find_device(source: str | Path | Device) -> Device:
 def load_device(
     source: str | Path, timestep: float | None = None, allow: str | Iterable[str] = ()
 ) -> Device:
-    """Return a device, that of the call before where no file has changed since.
+    """Return a device; repeated calls share one until a file of it changes.
 
-    For `source` and `timestep` see `Device`; `allow` is `MODULE:NAME` of code that the
-    file of the device may name.
+    For `source` and `timestep` see `Device`. `allow` has `MODULE:NAME` of the user code
+    that the files of the device may import.
 
     Raises:
         CableError: There is no such device.
@@ -252,26 +252,26 @@ def _load(name: str, timestep: float | None, _key: tuple[Any, ...]) -> Device:
 def _restored(
     name: str, timestep: float | None, given: dict[str, Any], names: tuple[str, ...]
 ) -> Device:
-    """Return a device in another process, which may import the same code."""
+    """Unpickle a device in another process; `names` is the user code it may import."""
     user_code.allow(names)
     return Device(name, timestep, **given) if given else load_device(name, timestep)
 
 
 def hysteresis_path(scene: Path) -> Path | None:
-    """Return the file of hysteresis parameters beside a scene, None without one."""
+    """Return the `*.hysteresis.toml` beside a scene, or None without one."""
     beside = scene.with_suffix(HYSTERESIS_ENDING)
     return beside if beside.is_file() else None
 
 
 def _user_files(name: str, scene: Path, *beside: Path | None) -> tuple[Path, ...]:
-    """Return the files that define a device of the user, none of a built-in one."""
+    """Return the files that define a user's device; () for a built-in one."""
     if name in SCENES:
         return ()
     return (*_files_of(scene), *(one for one in beside if one is not None))
 
 
 def _files_of(scene: Path) -> list[Path]:
-    """Return a scene and the files that it includes or loads, as far as they exist."""
+    """Return a scene and every existing file that it includes or loads."""
     found, waiting = [], [scene]
     while waiting:
         path = waiting.pop()
@@ -292,7 +292,7 @@ def _files_of(scene: Path) -> list[Path]:
 
 
 def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with values replaced, also in the tables inside it."""
+    """Return `content` with the values of `given`, merged recursively in tables."""
     found = dict(content)
     for key, value in given.items():
         inner = found.get(key)
@@ -306,7 +306,10 @@ def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
 
 
 def _resolved(table: Table, folder: Path) -> Table:
-    """Return a description whose motion and torques are paths of files beside it."""
+    """Return a description in which `trajectory` and `task` files have a full path.
+
+    Files are looked up in `folder`, that of the description.
+    """
 
     def beside(given: Any, key: str, free: Container[str]) -> Any:
         if not isinstance(given, str):

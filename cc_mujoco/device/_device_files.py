@@ -2,8 +2,8 @@
 
     locate("wirst")                        # CableError: did you mean 'wrist'?
 
-So a command refuses a misspelt name before anything is compiled. Beside a scene
-`endoscope.xml` there may be `endoscope.hysteresis.toml`, parameters of controllers:
+A command thus refuses a misspelt name before anything is compiled. Beside a scene
+`endoscope.xml`, `endoscope.hysteresis.toml` may give parameters of controllers:
 
     [bend.backlash_inverse]                # axis and controller
     slope_up = 1.58
@@ -26,12 +26,16 @@ FILE_ENDINGS = (".xml", ".toml")
 
 
 def is_device_file(source: str | Path) -> bool:
-    """Return whether a device is given by a file, not by the name of a built-in one."""
+    """Return whether `source` is the path of a device's file, not a built-in name."""
     return str(source) not in SCENES and Path(source).suffix in FILE_ENDINGS
 
 
 def locate(source: str | Path) -> tuple[str, Path, Path | None]:
-    """Return the name of a device, its scene and the file of its description."""
+    """Return name, path of the scene and path of the description, None without one.
+
+    Raises:
+        CableError: No built-in device or readable file has this name.
+    """
     if not isinstance(source, str | Path):
         raise CableError(
             f"device must be a name, the path of a file or a Device, not {source!r}."
@@ -90,7 +94,11 @@ def hysteresis_of(table: Table) -> dict[str, Parameters]:
 def write_hysteresis(
     path: str | os.PathLike[str], axis: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Write what `control.fit_hysteresis` found of an axis into a new file."""
+    """Write the parameters of an axis from `control.fit_hysteresis` to a new file.
+
+    Raises:
+        CableError: The file exists.
+    """
     place = Path(path)
     if place.exists():
         raise CableError(

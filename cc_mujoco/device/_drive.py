@@ -1,4 +1,4 @@
-"""Prior knowledge of a controller about its device: motor, ratio, cables, sensors."""
+"""Drive of a device as its controller knows it: motor, ratio, cables, sensors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cc_mujoco.errors import CableError
 class CableDrive:
     """Cable between the pulleys of motor and joint, with data-sheet values.
 
-    A cable's displacement is positive from the motor to the joint, so a cable that
-    winding the motor draws in has a negative `proximal`.
+    Displacements of a cable are positive from the motor to the joint: a cable that a
+    positive motor angle draws in has a negative `proximal`.
     """
 
     cable: Cable
@@ -41,7 +41,7 @@ class CableDrive:
 
 @dataclass(frozen=True)
 class Drive:
-    """Prior knowledge of a controller about its device."""
+    """Axis as its controller knows it: data sheet, transmission ratio, sensors."""
 
     ratio: float
     """Joint torque per motor torque without friction, signed [-]."""
@@ -151,6 +151,6 @@ class Drive:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Least and greatest torque at the joint, were there no friction [N m]."""
+        """Least and greatest joint torque without friction [N m]."""
         ends = self.ratio * (0.0 if self.one_way else self.low), self.ratio * self.high
         return min(ends), max(ends)

@@ -3,10 +3,10 @@
     pair = MATERIALS["steel_ptfe"]
     pair.friction.typical, pair.axial_stiffness(1e-3)
 
-A figure is given per area of the circle about the rope, voids included, so that it goes
-with the nominal diameter. Every figure names its sources, which
-`design/material_sources.csv` lists; where they differ it is a range. A pair for which
-none was found is not in the table.
+Figures per area refer to the circle around the rope, voids included, so that they
+multiply the area of the nominal diameter. `design/material_sources.csv` lists the
+sources of every figure; where they differ, the figure is a range. The table has only
+pairs with a source.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Material:
-    """A rope in a conduit."""
+    """Material properties of a rope and of its friction in a conduit."""
 
     name: str
     meaning: str
@@ -59,7 +59,7 @@ class Material:
 
 
 def area(diameter: float) -> float:
-    """Area of the circle about a rope of this diameter [m]; in m^2."""
+    """Area of the circle around a rope of this diameter [m], in m^2."""
     return 0.25 * math.pi * diameter**2
 
 
@@ -68,7 +68,10 @@ def _per_area(pounds: float, inches: float) -> float:
 
 
 def _turned(share: float) -> float:
-    """Return the friction at which a share of a pull is left after half a turn."""
+    """Return the friction coefficient if half a turn transmits `share` of a pull.
+
+    That is the capstan equation, share = exp(-mu pi).
+    """
     return math.log(1.0 / share) / math.pi
 
 

@@ -1,7 +1,7 @@
-"""A device on a MuJoCo model: the places of its parts in the arrays, and readings.
+"""A device on a MuJoCo model: the indices of its parts in the arrays, and readings.
 
-Everything here works on the arrays of one simulation and, with a leading axis, of many;
-both give the same bits, because the arithmetic is elementwise.
+Readings take the arrays of one simulation or, with a leading axis, of several. Both
+give the same bits, because the arithmetic is elementwise.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 class Places(NamedTuple):
-    """Indices of motor and joint in the arrays of a simulation."""
+    """Indices of motor, joint and wearer in MuJoCo's arrays."""
 
     motor_q: int  # in `qpos`
     motor_v: int  # of velocity and torques, in `qvel` and `qfrc_actuator`
@@ -51,7 +51,7 @@ class Places(NamedTuple):
 
 
 class AxisModel:
-    """An axis of a device: its places in the arrays of a model, and its readings."""
+    """One axis of a device: its indices and constants in a compiled model."""
 
     def __init__(
         self,
@@ -130,7 +130,10 @@ class AxisModel:
         self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
     def paid_out(self, data: mujoco.MjData) -> float:
-        """Return the length that the joint has drawn since the neutral pose [m]."""
+        """Return the length that the joint has pulled out of the conduit [m].
+
+        It is that of the first cable's distal end, counted from the neutral pose.
+        """
         if isinstance(self.winding, TabledWinding):
             wound = self.winding.read(physics_of(data))[WINDING_COLUMNS[0]]
             return float(wound) * self._distal[self.driven[0]]
@@ -138,7 +141,7 @@ class AxisModel:
         return float(data.actuator_length[distal] - self.model.actuator_length0[distal])
 
     def describe_pull(self, cable: str) -> str:
-        """Return how the motor winds a driven cable, and where that turns the joint."""
+        """Return words for the senses in which a cable is wound and turns the joint."""
         winds = "positive" if self._proximal[cable] < 0.0 else "negative"
         turns = "positive" if self._distal[cable] < 0.0 else "negative"
         return (
@@ -148,19 +151,19 @@ class AxisModel:
 
     @property
     def plain(self) -> bool:
-        """True if nothing but cables and a wearer of gear 1 acts on the joint."""
+        """True if only cables and a wearer's actuator of gear 1 act on the joint."""
         direct = self._mover is not None and self._mover.gear == 1.0
         open_path = isinstance(self.winding, TabledWinding)
         more = self.axis.cuff or open_path or self._others or self._weightless
         return direct and self.sense == 1.0 and not more
 
     def observed(self, device: str, period: float) -> Observed:
-        """Return the observation of an axis that is measured once a period [s]."""
+        """Return the observation of the axis, sampled every `period` [s]."""
         columns, units = tuple(self.axis.units), tuple(self.axis.units.values())
         return Observed(device, columns, units, self.ratio, period, self.torque_limit)
 
     def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
-        """Return the prior knowledge of a controller, without sensors."""
+        """Return the axis as its controller knows it, without sensors."""
         model, places = self.model, self.places
         wound = {name: self.sense * self._proximal[name] for name in self.driven}
         named = {} if self._unknown else wound
@@ -192,19 +195,19 @@ class AxisModel:
 
     @property
     def crossed(self) -> tuple[str, ...]:
-        """Other joints whose motion winds the cables."""
+        """Joints besides the driven one that move the cables' distal ends."""
         return self.winding.others(self.model) if self.winding else ()
 
     @property
     def ratio_columns(self) -> tuple[str, ...]:
-        """Names of the `RATIO_COLUMN` of every joint that the cables turn, too."""
+        """`RATIO_COLUMN` of each joint of another axis that the cables turn."""
         shared = self.winding.shared if isinstance(self.winding, Winding) else ()
         return tuple(name for name, *_ in shared)
 
     def record(self, hold: Callable[[NDArray[Any]], int]) -> NDArray[Any]:
-        """Return the record by which compiled code reads the axis, see `AXIS`, (1,).
+        """Return the record (1,) of dtype `AXIS` that describes the axis to C code.
 
-        `hold` keeps an array as long as the record, and returns its address.
+        `hold` keeps an array alive as long as the record, and returns its address.
         """
         mover, places = self._mover, self.places
         outs = [out for out, _, _ in self._others]
@@ -228,7 +231,7 @@ class AxisModel:
 
 
 class DeviceModel:
-    """The model of a device and the places of its parts."""
+    """Compiled model of a device, with the indices of its parts."""
 
     def __init__(
         self,
@@ -236,14 +239,14 @@ class DeviceModel:
         model: mujoco.MjModel,
         wearer: Wearer | Mapping[str, Wearer] | None = None,
     ) -> None:
-        """Find the parts of a device in a model of its scene, or of a variant.
+        """Find the parts of a device in a compiled model of its scene, or of a variant.
 
-        `wearer` is the impedance of the wearer at the driven joint, or by joint; that
-        of the model by default.
+        `wearer` is the impedance of the wearer at the only driven joint, or a
+        dictionary by joint; by default it is that of the model.
 
         Raises:
-            CableError: One wearer is given for several joints, nobody moves such a
-                joint, or the model is none or lacks a part.
+            CableError: One wearer is given for several joints, the wearer does not move
+                a named joint, `model` is no MuJoCo model or lacks a part.
         """
         if not isinstance(model, mujoco.MjModel):
             raise CableError(f"model must be a mujoco.MjModel, not {model!r}.")
@@ -287,12 +290,12 @@ class DeviceModel:
 
     @property
     def wearers(self) -> dict[str, Wearer]:
-        """Impedances of the wearer by joint."""
+        """Impedance of the wearer at each joint that the wearer moves, by joint."""
         return {joint: mover.wearer for joint, mover in self.movers.items()}
 
     @property
     def driven(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the cables from the motor to the joint, for every axis."""
+        """For each axis, the cables that run from its motor to its joint."""
         return tuple(axis.driven for axis in self.axes)
 
     def neutral(self, joint: str) -> float:
@@ -300,9 +303,9 @@ class DeviceModel:
         return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
 
     def drives(self, period: float) -> tuple[Drive, ...]:
-        """Return the prior knowledge of the controllers, called once a period [s].
+        """Return each axis's drive for controllers called every `period` [s].
 
-        That includes where their tension sensors are, and how good.
+        The drives include the places and the noise of their tension sensors.
         """
         about = self.description
         made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
@@ -315,7 +318,7 @@ class DeviceModel:
         return tuple(drives)
 
     def apply_plant(self, plant: Plant) -> None:
-        """Change the model, in place, into that of a plant.
+        """Write the wearer and the cables of a plant into the compiled model.
 
         Raises:
             CableError: If the model has no room for the configuration of a cable.
@@ -332,12 +335,12 @@ class DeviceModel:
     def start(
         self, data: mujoco.MjData, angles: Mapping[str, float], commands: Array
     ) -> None:
-        """Bring a simulation to the start of an episode: at rest, cables at pretension.
+        """Reset a simulation to the start of an episode: at rest, cables at pretension.
 
-        The motors take the angles at which the cables are as long as in the neutral
-        pose, and the cables are laid where they then are (`plugin.settle`). Nothing of
-        the past of `data` remains. `angles` are those of joints by name [rad], others
-        stay neutral; `commands` are those of what follows the script.
+        `angles` sets joints by name [rad], others stay neutral; `commands` are the
+        controls of the wearer's actuators. Motors turn until their cables are as long
+        as in the neutral pose, then `plugin.settle` starts the cables there. All
+        earlier state is lost.
         """
         model = self.model
         mujoco.mj_resetData(model, data)
@@ -350,12 +353,11 @@ class DeviceModel:
         plugin.settle(model, data)
 
     def read_cables(self, qpos: Array, plugin_state: Array) -> dict[str, Any]:
-        """Read the states of the cables, and the pose, as columns of an episode log.
+        """Return pose and cable states as columns of an episode log.
 
-        `qpos` and `plugin_state` are those of `mjData` of one simulation, or of
-        several: numbers, or arrays over simulations. Angles and velocities are those
-        after the last physics step; torques, tensions and slip are those that acted
-        during it.
+        `qpos` and `plugin_state` are those of `mjData`, of one simulation or, with a
+        leading axis, of several. The pose is that after the last physics step; tensions
+        and slip are those that acted during it.
         """
         columns: dict[str, Any] = {"qpos": qpos}
         for reader in self._readers:
@@ -364,9 +366,9 @@ class DeviceModel:
 
 
 def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
-    """Return the scene of a device, with room for other configurations of its cables.
+    """Compile the scene of a device, with room for other configurations of its cables.
 
-    What is only seen, and `drawn`, takes up to half of the time of a step.
+    Visual elements remain if `drawn`; they can take half the time of a step.
     """
     spec = device.spec.copy() if drawn else Plant(device).spec()
     make_room(spec)
@@ -374,7 +376,7 @@ def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
 
 
 def physics_of(data: mujoco.MjData) -> Physics:
-    """Return views on the arrays of a simulation."""
+    """Return the arrays of `data` as `Physics`: views, not copies."""
     return Physics(*(getattr(data, name) for name in Physics._fields))
 
 
@@ -398,11 +400,11 @@ def _require_parts(description: Description, model: mujoco.MjModel) -> None:
 def _other_torques(
     model: mujoco.MjModel, places: Places, mover: Mover | None, rivals: Collection[int]
 ) -> tuple[tuple[int, float, int], ...]:
-    """Return the actuators other than the axis's cables and wearer at the joint.
+    """Return the actuators at the joint except the wearer and the axis's own cables.
 
-    For each its index in `actuator_force`, its torque per force, and where in
-    `actuator_moment` that is if it changes with the pose, else -1. `rivals` are distal
-    ends of cables of other axes, in `actuator_force`.
+    Each has its index in `actuator_force`, its gear, and the index of its moment arm in
+    `actuator_moment`; that is -1 if the gear is the arm. `rivals` are the outputs of
+    other axes' cables at the joint, which count among the actuators.
     """
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
@@ -443,7 +445,7 @@ def cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
 
 
 def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
-    """Return the stops of a joint [rad], infinite where it has none."""
+    """Return the limits of a joint [rad], infinite without stops."""
     joint = model.joint(name)
     if not model.jnt_limited[joint.id]:
         return -np.inf, np.inf

@@ -1,14 +1,15 @@
-r"""Angle that a cable's distal end has wound, where no round pulley defines it.
+r"""Winding: angle of the round pulley that would move a cable's distal end equally.
 
-A lever's arm changes with the angle, and a cable may pass more joints than one. What a
-cable feels is the length \(\ell\) that its distal end moved. Over the arm of the joint
-in the neutral pose \(f_0\) that is an angle,
+The moment arm of a lever changes with its angle, and a cable may pass several joints.
+The length \(\ell\) by which the distal end moves, over the arm \(f_0\) of the joint in
+the neutral pose, is the winding angle
 
 \[ \varphi = (\ell - \ell_0) / f_0, \qquad
    f = \partial\ell / \partial\theta_j, \qquad \lambda = f / f_0 \]
 
-and a tension that makes the torque \(\tau\) at the joint would make \(\tau / \lambda\)
-on a round pulley. In these coordinates a device is one with a round pulley.
+with the leverage \(\lambda\). A tension that makes the torque \(\tau\) at the joint
+would make \(\tau / \lambda\) on that pulley. In these coordinates every device has
+a round pulley.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class Winding(NamedTuple):
-    """Indices of a distal end in the arrays of a simulation, and its neutral pose."""
+    """Winding of a distal end: its indices in MuJoCo's arrays, and its neutral pose."""
 
     end: int  # in `actuator_length`
     step: float  # time step [s]
@@ -43,8 +44,8 @@ class Winding(NamedTuple):
     def read(self, physics: Any) -> dict[str, Any]:
         """Return `WINDING_COLUMNS` and each `RATIO_COLUMN` after the last step.
 
-        Lengths and arms are from the begin of the step, so the angle is brought forward
-        by the velocity at its end.
+        MuJoCo leaves lengths and arms of the start of the step; the angle is
+        extrapolated by one step with the velocity after it.
         """
         moment, qvel = physics.actuator_moment.T, physics.qvel.T
         velocity = 0.0
@@ -76,7 +77,10 @@ class Winding(NamedTuple):
     def sharing(
         self, model: mujoco.MjModel, joints: Container[str], motor: float
     ) -> Winding:
-        """Return this winding with `shared`, by the arm at the motor [m/rad]."""
+        """Return a copy whose `shared` has those of `joints` that the cable turns.
+
+        `motor` is the arm of the proximal end at the motor [m/rad].
+        """
         places = self.places[: self.own] + self.places[self.own + 1 :]
         shared = tuple(
             (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
@@ -86,16 +90,15 @@ class Winding(NamedTuple):
         return self._replace(shared=shared)
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
-        """Return the names of the other joints that wind the cable."""
+        """Return the joints besides the driven one that move the cable's end."""
         dofs = (dof for place, dof in enumerate(self.dofs) if place != self.own)
         return tuple(model.joint(model.dof_jntid[dof]).name for dof in dofs)
 
 
 class TabledWinding(NamedTuple):
-    """Winding of a cable whose conduit moves, by the angle of the joint alone.
+    """Winding of a cable whose conduit moves, as a table over the angle of the joint.
 
-    The tendon of such a cable has a part inside the conduit, whose length says nothing
-    of the cable.
+    The tendon of such a cable includes its conduit, whose length does not move the end.
     """
 
     joint_q: int  # in `qpos`
@@ -117,17 +120,16 @@ class TabledWinding(NamedTuple):
         return {"knots": len(self.angles), "table": hold(table)}
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
-        """Return no joints: none but the driven one winds the cable."""
+        """Return (): only the driven joint moves the cable's end."""
         return ()
 
 
 def open_winding(
     model: mujoco.MjModel, tendon: int, mouth: int, joint: str
 ) -> TabledWinding | None:
-    """Return the winding of a cable that leaves a conduit and ends on a path.
+    """Return the winding of a cable that leaves its conduit at the site `mouth`.
 
-    The conduit ends at the site `mouth`. None where other joints move the part outside
-    of it, too.
+    None if other joints move the part of the tendon outside the conduit.
     """
     own = model.joint(joint)
     place, dof = int(own.qposadr[0]), int(own.dofadr[0])
@@ -162,7 +164,7 @@ def open_winding(
 
 
 class MeasuredWinding:
-    """Winding of a distal end by measured angles of joints, without a simulation."""
+    """Winding of a distal end from measured angles of joints, without a simulation."""
 
     def __init__(self, model: mujoco.MjModel, winding: Winding | TabledWinding) -> None:
         self._model, self._data = model, mujoco.MjData(model)
@@ -181,7 +183,7 @@ class MeasuredWinding:
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> dict[str, float]:
-        """Return `WINDING_COLUMNS` by angles [rad] and rates of `joints` [rad/s]."""
+        """Return `WINDING_COLUMNS` at angles [rad], velocities [rad/s] of `joints`."""
         model, data = self._model, self._data
         data.qpos[self._angles] = angles
         data.qvel[self._velocities] = velocities
@@ -194,7 +196,10 @@ class MeasuredWinding:
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of an output; None where a round pulley would do the same."""
+    """Return the winding of the output `end` over `joint`, or None.
+
+    It is None if the moment arm is constant and no other joint moves the end.
+    """
     data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
     mujoco.mj_fwdPosition(model, data)
     start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])
@@ -219,7 +224,7 @@ class Arms:
     """Moment arms of all actuators over the ranges of the joints [m/rad, m/m or 1]."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Sweep the joints together, from the neutral pose."""
+        """Evaluate the arms in `qpos0` and five poses over the joints' ranges."""
         self.model = model
         swept = np.abs(moments(model, [model.qpos0, *_poses(model)]))
         self.most, self.mean = swept.max(axis=0), swept.mean(axis=0)
@@ -227,7 +232,7 @@ class Arms:
         self._neutral = neutral_moments(model)
 
     def neutral(self, out: int, joint: int) -> float:
-        """Return the arm of an output at a joint in the pose `qpos0`."""
+        """Return the signed arm of output `out` at `joint` in the pose `qpos0`."""
         return float(self._neutral[out, self.model.jnt_dofadr[joint]])
 
 
@@ -237,7 +242,7 @@ def neutral_moments(model: mujoco.MjModel) -> Array:
 
 
 def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
-    """Return the moment arms of all actuators in poses, (poses, outputs, nv)."""
+    """Return the moment arms of all actuators in each pose, (poses, outputs, nv)."""
     data = mujoco.MjData(model)
     found = np.zeros((len(poses), model.nout, model.nv))
     for dense, qpos in zip(found, poses, strict=True):
@@ -249,7 +254,7 @@ def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
 
 
 def _poses(model: mujoco.MjModel) -> list[Array]:
-    """Return poses over the ranges of all limited joints with one coordinate."""
+    """Return five poses, with limited joints at 10, 30, 50, 70, 90 % of their range."""
     single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     swept = np.isin(model.jnt_type, single) & (model.jnt_limited != 0)
     places, (low, high) = model.jnt_qposadr[swept], model.jnt_range[swept].T

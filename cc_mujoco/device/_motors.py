@@ -2,7 +2,7 @@
 
     MOTORS["maxon_353297"].continuous_torque        # [N m]
 
-Torque is that of the rotor, before a gear.
+Torque and inertia are those of the rotor, before a gear.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor by its data sheet, NaN where unknown."""
+    """A motor by its data sheet; NaN where that is silent."""
 
     name: str = ""
     resistance: float = math.nan  # of the winding at 25 degC, at its terminals [ohm]

@@ -1,4 +1,7 @@
-"""Actuators of a device, whatever their gears and controls: motors and wearer."""
+"""Actuators of the motors and of the wearer, in units of their joints.
+
+Their gears, gains and control ranges are converted here.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,14 @@ FILTERS = (mujoco.mjtDyn.mjDYN_FILTER.value, mujoco.mjtDyn.mjDYN_FILTEREXACT.val
 
 
 def joint_actuators(model: mujoco.MjModel, joints: Any) -> NDArray[np.bool_]:
-    """Return the mask of the actuators other than cables on a joint, or on several."""
+    """Return the mask (nu,) of actuators on one or several joints, without cables."""
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     own = model.actuator_plugin < 0
     return np.asarray(on_joint & own & np.isin(model.actuator_trnid[:, 0], joints))
 
 
 def _control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
-    """Return least and largest control, infinite where there is no limit."""
+    """Return the least and largest control of an actuator, infinite without a limit."""
     if not model.actuator_ctrllimited[actuator]:
         return -math.inf, math.inf
     low, high = model.actuator_ctrlrange[actuator].tolist()
@@ -31,7 +34,7 @@ def _control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
 
 
 class Mover(NamedTuple):
-    """An actuator by which the wearer moves a joint, as a spring and a damper."""
+    """Actuator of the wearer at a joint: a spring and a damper towards its command."""
 
     wearer: Wearer  # impedance at the joint
     control: int  # index in `ctrl`
@@ -58,12 +61,15 @@ class Mover(NamedTuple):
         )
 
     def command(self, angle: Any, velocity: Any) -> Any:
-        """Return the controls for a reference motion, (n,) for arrays."""
+        """Return the control for a reference [rad], [rad/s]: a number or (n,)."""
         aim = self.scale * self.wearer.command(angle, velocity) + self.offset
         return np.clip(aim, self.low, self.high)
 
     def impose(self, actuator: Any, wearer: Wearer) -> Mover:
-        """Give an actuator of a model or a specification another impedance."""
+        """Write another impedance into an actuator of a model or a specification.
+
+        The control keeps its scale. Return the mover with that impedance.
+        """
         share = self.gear * self.gear
         gain = wearer.stiffness / share
         # The control keeps its meaning.

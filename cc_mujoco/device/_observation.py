@@ -1,12 +1,13 @@
-"""Observation of a device's environment: the one definition that all share.
+"""Observation of a device, as environments return it and saved policies receive it.
 
-    history = ObservationHistory(observed, 1)   # of one device; many are rows
-    history.begin(measured)                 # (1, k), what is measured at the start
+    history = ObservationHistory(observed, 1)   # one device; several are rows
+    history.begin(measured)                 # (1, k), measurements at the start
     history.observation()                   # (1, size) of float32, about 1
     history.act(share)                      # (1,), the action that follows
-    history.add(measured)                  # after every sample that it is held for
+    history.add(measured)                   # after every sample while it is held
 
-Environments observe it, and a saved policy is fed it wherever it plays.
+It may include earlier frames and the states of play operators, which remember the last
+reversals as a cable with friction does.
 """
 
 from __future__ import annotations
@@ -50,12 +51,12 @@ PLAY_HALF_WIDTHS = (0.1, 0.3, 1.0)
 class Observed:
     """Observed quantities of a device and their units.
 
-    A *frame* is twist of motor against joint, velocity of the motor, angle and velocity
-    of the joint, what is lacking of the desired torque, and that torque; then, where
-    the device knows it, sine and cosine of the phase of the gait, and the angle that
-    a task commands. Motor angles are
-    taken at the joint, divided by the ratio. Each number is divided by its unit and cut
-    at `OBSERVATION_LIMIT`.
+    A *frame* has the twist (motor angle minus joint angle), the velocity of the motor,
+    angle and velocity of the joint, the torque error (desired minus measured), and the
+    desired torque; then, where the device has them, sine and cosine of the phase of the
+    gait and the commanded angle. Motor angles are divided by the ratio, so that they
+    are those of the joint. Each number is divided by its unit and cut at
+    `OBSERVATION_LIMIT`.
     """
 
     device: str
@@ -107,19 +108,22 @@ class Observed:
 
     @property
     def space(self) -> Box:
-        """The observation space of the environment: frame, plays, history."""
+        """Gymnasium space of the observation: a frame, the plays, earlier frames."""
         size = self.frame + 2 * len(PLAY_HALF_WIDTHS) * self.memory
         size += self.history * (self.frame + 1)
         return Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (size,), dtype=np.float32)
 
     def with_reference(self) -> Observed:
-        """Return the observation with the angle that a task commands, in last place."""
+        """Return the observation with the joint's commanded angle as last column."""
         columns = *self.columns, "reference_angle_rad"
         units = *self.units, self.units[JOINT_ANGLE]
         return dataclasses.replace(self, columns=columns, units=units)
 
     def of(self, columns: Mapping[str, Any]) -> Array:
-        """Return the observation: (k,) for numbers, (n, k) for n environments."""
+        """Return the measured columns, unscaled, in the order of `columns`.
+
+        Numbers give an array (k,), columns of n environments (n, k).
+        """
         found = np.array([columns[name] for name in self.columns])
         return np.ascontiguousarray(found.T)
 
@@ -129,7 +133,7 @@ class Observed:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Observed:
-        """Rebuild an observation from the JSON of `to_dict`.
+        """Return the observation that `to_dict` wrote as JSON.
 
         Raises:
             CableError: If fields are missing, unknown or impossible.
@@ -153,10 +157,10 @@ class Past(NamedTuple):
 
 
 class ObservationHistory:
-    """Observation of n environments, with its past."""
+    """Observations of n environments, with their earlier frames and play operators."""
 
     def __init__(self, observed: Observed, count: int) -> None:
-        """Prepare for `count` environments; `begin` before anything else."""
+        """Allocate arrays for `count` environments; call `begin` first of all."""
         self.observed, self.size = observed, observed.space.shape[0]
         width, self._all = observed.frame, np.arange(count)
         reach = np.tile(np.array(PLAY_HALF_WIDTHS) * observed.units[0], 2)
@@ -166,23 +170,23 @@ class ObservationHistory:
         self.past = Past(observed.ratio, np.array(observed.units), reach, *rows)
 
     def begin(self, measured: Array, rows: Any = slice(None)) -> None:
-        """Start an episode in some rows with measurements (rows, k), at rest before."""
+        """Start episodes in `rows`, at rest at the measurements (rows, k)."""
         self.past.measured[rows] = measured
         _begin(self.past, self._all[rows])
 
     def act(self, share: Array, rows: Any = slice(None)) -> None:
-        """Record the actions (n,) after the present observations of these rows."""
+        """Append the frames of `rows`, with the actions (n,) that follow them."""
         if self.observed.history:
             _act(self.past, self._all[rows], np.array(share, np.float64))
 
     def add(self, measured: Array, rows: Any = slice(None)) -> None:
-        """Take a new sample of the measurements (rows, k)."""
+        """Take new measurements (rows, k), and update the play operators."""
         self.past.measured[rows] = measured
         if self.observed.memory:
             _follow(self.past, self._all[rows])
 
     def take(self, other: ObservationHistory) -> None:
-        """Copy the past of another history of the same observation."""
+        """Copy measurements, plays and earlier frames of a history of equal shape."""
         for own, its in zip(self.past[1:], other.past[1:], strict=True):
             own[...] = its
 
@@ -194,7 +198,7 @@ class ObservationHistory:
 
 @internal
 def _frame_value(past: Past, row: int, place: int) -> float:
-    """Return a number of the present frame; see `Observed`."""
+    """Return number `place` of the present frame, scaled and cut as in `Observed`."""
     measured = past.measured
     value = measured[row, place]
     if place == MOTOR_ANGLE:
@@ -209,7 +213,7 @@ def _frame_value(past: Past, row: int, place: int) -> float:
 
 @internal
 def _play_angle(past: Past, row: int, play: int) -> float:
-    """Return the angle that a play follows [rad]."""
+    """Return the input of a play operator: angle of the motor or of the joint [rad]."""
     if 2 * play < past.reach.size:
         return float(past.measured[row, MOTOR_ANGLE] / past.ratio)
     return float(past.measured[row, JOINT_ANGLE])
@@ -217,7 +221,7 @@ def _play_angle(past: Past, row: int, play: int) -> float:
 
 @internal
 def begin_past(past: Past, row: int) -> None:
-    """Give a row a past at rest at the present measurements."""
+    """Reset plays and earlier frames of a row, as if at rest at its measurements."""
     for play in range(past.reach.size):
         past.plays[row, play] = _play_angle(past, row, play)
     width = past.units.size
@@ -249,7 +253,7 @@ def follow_past(past: Past, row: int) -> None:
 
 @internal
 def write_row(past: Past, row: int, whole: FloatMatrix, first: int) -> None:
-    """Write the observation of a row into a matrix, from column `first` on."""
+    """Write the observation of a row into `whole[row]`, from column `first` on."""
     width = past.units.size
     for i in range(width):
         whole[row, first + i] = np.float32(_frame_value(past, row, i))
@@ -266,7 +270,7 @@ def write_row(past: Past, row: int, whole: FloatMatrix, first: int) -> None:
 
 @compiled
 def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
-    """Write all observations, in single precision, from a column of `whole` on."""
+    """Write the observations of all rows as float32 values, from column `first` on."""
     for row in range(whole.shape[0]):
         write_row(past, row, whole, first)
 

@@ -4,9 +4,9 @@
     plant.cables["flexor"].friction                 # 0.1
     model = plant.model()
 
-Values change what the physics sees. The drawing keeps its pulleys and its route.
-Pulleys are solid discs of the scene's width: their inertia goes with radius^4, half of
-it to either of two cables. A lever keeps its inertia.
+Values change what the physics uses; drawn pulleys and routes stay. A pulley is a solid
+disc of constant width, so that its inertia grows with radius^4; on a pulley of two
+cables each contributes half. A lever keeps its inertia.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 class Plant:
     """A device with some of its values changed.
 
-    It has the names and bounds of the table; `check` finds out, too, whether the scene
-    can have the values. `device` is the one without the changes, `values` are these,
-    checked, in the order given, and `cables` all cables by name.
+    Names and bounds of `values` are checked against the table `VALUES`; `check` also
+    tests whether the scene can have them. `device` is the device without the changes,
+    `cables` has all cables with them, by name.
     """
 
     def __init__(
         self, device: str | Path | Nominal, values: Mapping[str, object] | None = None
     ) -> None:
-        """Change the values of a device, given by its name or file, too.
+        """Change values of a device, which may also be given by its name or file.
 
         `values` are by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
 
         Raises:
-            CableError: names, values or their combination are impossible.
+            CableError: Names, values or their combination are impossible.
         """
         self.device = device if isinstance(device, Nominal) else find_device(device)
         cables = self.device.cables
@@ -98,7 +98,7 @@ class Plant:
 
     @property
     def wearers(self) -> dict[str, Wearer]:
-        """Wearer at the joints that the cables drive, by joint."""
+        """Impedance of the wearer at each driven joint that the wearer moves."""
         factor, found = float(self.values.get("wearer", 1.0)), {}
         for limb in (axis.limb for axis in self.description.axes):
             if (nominal := self.device.wearers.get(limb)) is not None:
@@ -108,23 +108,23 @@ class Plant:
 
     @property
     def delay(self) -> int:
-        """Samples by which measurements are late; those of the device by default."""
+        """Control steps by which measurements are late; by default the device's."""
         return int(self.values.get("delay", self.description.sensing.delay))
 
     @property
     def noise(self) -> float:
-        """Noise of the sensors over that of the device; 1 by default."""
+        """Factor of the noise of the device's sensors; 1 by default."""
         return float(self.values.get("noise", 1.0))
 
     @property
     def material(self) -> Material | None:
-        """Pair of materials that the values name, or None."""
+        """Rope and conduit that the value `material` names; None without it."""
         name = self.values.get("material")
         return None if name is None else MATERIALS[str(name)]
 
     @property
     def strength(self) -> dict[str, float]:
-        """Breaking load of each cable [N]."""
+        """Breaking load of each cable [N]; NaN where unknown."""
         thick, nominal = self.diameters, self.description.diameter
         if (material := self.material) is not None:
             return {name: material.breaking_load(d) for name, d in thick.items()}
@@ -134,12 +134,12 @@ class Plant:
 
     @property
     def diameters(self) -> dict[str, float]:
-        """Diameter of each cable [m]."""
+        """Diameter of each cable [m]; NaN where unknown."""
         nominal = self.description.diameter
         return {n: float(self._own(n).get("diameter", nominal)) for n in self.cables}
 
     def motor(self, axis: Axis) -> Motor:
-        """Return the motor of an axis, with what the values determine."""
+        """Return the motor of an axis; figures that no value determines are NaN."""
         values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
@@ -154,7 +154,7 @@ class Plant:
         return float(self._of_axis(axis).get("gearing", scene))
 
     def facts(self, axis: Axis) -> dict[str, Any]:
-        """Return the constants of an axis that metrics need, as far as known."""
+        """Return the constants of an axis that metrics need, without unknown ones."""
         motor = self.motor(axis)
         found = {
             Key.GEARING: self.gearing(axis),
@@ -167,7 +167,7 @@ class Plant:
 
     @property
     def pulleys(self) -> dict[str, tuple[float, ...]]:
-        """Radii of the pulleys that each cable winds on [m]; a lever is none."""
+        """Radii of the pulleys at each cable's ends [m]; levers are left out."""
         scene, found = self.scene, {}
         for name, ends in scene.ends.items():
             own, each = self._own(name), zip(RADII, scene.radii[name], strict=True)
@@ -178,9 +178,9 @@ class Plant:
 
     @property
     def discs(self) -> list[float]:
-        """Mass of every pulley [kg], that of a solid disc of its inertia.
+        """Mass of every pulley [kg], as that of a solid disc of its inertia.
 
-        NaN where nobody knows that.
+        It is NaN for a pulley of unknown inertia.
         """
         found = []
         for _, disc, radii in self._pulley_inertias():
@@ -191,7 +191,10 @@ class Plant:
 
     @property
     def layout(self) -> tuple[object, ...]:
-        """Equal for plants that can be in one batch: their models, and their walk."""
+        """Key that is equal for plants that one batch can simulate together.
+
+        Their models have equal array sizes and states, and their wearers walk alike.
+        """
         cables, axes = self.cables.values(), self.description.axes
         walks = (self.values.get(name) for name in wearer_scaling.WALKER)
         lags = (bool(self._of_axis(axis).get("motor_lag", 0.0)) for axis in axes)
@@ -199,11 +202,11 @@ class Plant:
         return (*segments, *stripping.route_tendons(cables), *walks, *lags)
 
     def check(self) -> None:
-        """Find out whether the plant can be simulated.
+        """Check that the plant can be simulated.
 
         Raises:
-            CableError: its scene does not have what is varied, or the time step is too
-                long for so stiff a cable.
+            CableError: The scene lacks a part that a value changes, or a cable is too
+                stiff for the time step.
         """
         scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
@@ -256,19 +259,19 @@ class Plant:
                 )
 
     def model(self, whole: bool = False) -> mujoco.MjModel:
-        """Compile the model, without visuals (see `strip`) unless `whole`.
+        """Compile the model, without visual elements unless `whole`.
 
         Raises:
-            CableError: the plant cannot be compiled.
+            CableError: The plant cannot be compiled.
         """
         return compile_spec(self.spec(whole))
 
     def spec(self, whole: bool = False) -> mujoco.MjSpec:
-        """Return the scene with the values, bare unless it is to be whole.
+        """Return the scene with the values, without visual elements unless `whole`.
 
         Raises:
-            CableError: it is the plant of an environment, which has no scene, or its
-                scene has nobody who could be as is given.
+            CableError: The plant has no scene, as that of an environment, or the scene
+                has no wearer whose walk or profile the values could change.
         """
         scene = self.scene
         wearer_scaling.require_scene(self.description, self.values)
@@ -281,10 +284,10 @@ class Plant:
         return spec
 
     def xml(self) -> str:
-        """Return the MJCF of the scene with the values, whole.
+        """Return the MJCF of the scene with the values, visual elements included.
 
         Raises:
-            CableError: the plant cannot be compiled.
+            CableError: The plant cannot be compiled.
         """
         spec = self.spec(whole=True)
         compile_spec(spec)
@@ -292,10 +295,10 @@ class Plant:
 
     @property
     def scene(self) -> Device:
-        """The device with its scene.
+        """Device of the plant, which has a scene.
 
         Raises:
-            CableError: it is the plant of an environment, which has no scene.
+            CableError: The plant is that of an environment, which has no scene.
         """
         if not isinstance(self.device, Device):
             raise CableError(
@@ -368,7 +371,11 @@ class Plant:
                 )
 
     def _pulley_inertias(self) -> list[tuple[str, float, list[tuple[float, float]]]]:
-        """Return joint, inertia [kg m^2], scene's and plant's radii [m] of pulleys."""
+        """Return joint, inertia and radii of each pulley.
+
+        The inertia is the scene's [kg m^2], 0 where unknown. Each cable has two radii
+        [m], one of the scene and one of the plant.
+        """
         scene, found = self.scene, []
         for axis in self.description.axes:
             discs = (axis.drum, axis.motor_pulley), (axis.joint, axis.joint_pulley)
@@ -434,11 +441,12 @@ class Plant:
             motor.dynprm[0] = lag
 
     def _resize(self, spec: mujoco.MjSpec, body: Body) -> None:
-        """Give a leg the inertia and the lengths of a wearer of another size.
+        """Scale masses, inertias and lengths of a leg to a wearer of another size.
 
-        What is worn on a segment stays as heavy, spread as the segment is, and the ends
-        of the free rope stay where they are about the ankle. All joints of a leg turn
-        about y, so that products of inertia are felt nowhere and are left out.
+        The part of a device worn on a segment keeps its mass, distributed as the
+        segment's. The ends of the free rope keep their places relative to the ankle.
+        All joints of a leg turn about y, so that products of inertia have no effect and
+        are left out.
         """
         if body == Body():
             return
@@ -486,7 +494,10 @@ class Plant:
 
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
-    """Return the constants of an axis that metrics need, as far as known."""
+    """Return the constants of an axis that metrics need, without unknown ones.
+
+    `strength` has the breaking load of each cable [N], NaN where unknown.
+    """
     found: dict[str, Any] = {Key.PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
@@ -497,7 +508,7 @@ def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
-    """Refuse to vary what the drawing of a scene decides of an open cable."""
+    """Refuse to vary what the path drawn in the scene determines of an open cable."""
     if cable.path == PATHS[0]:
         return
     drawn = ("conduit", "loops", "wrap", "bend_radius", "length")

@@ -1,4 +1,4 @@
-"""Account of a device: what its scene states, what was assumed, what is unknown.
+"""Report of a device: values from its scene, assumed values, unknown values.
 
 print(account(device))
 write_description(device, "knee.device.toml")
@@ -45,7 +45,7 @@ class Property(NamedTuple):
 
 
 def properties(device: Device) -> Iterator[Property]:
-    """Yield everything that a file can hold of a device, in its order."""
+    """Yield every property that a description file can hold, in the file's order."""
     found = device.description
     origin = found.sources.get
 
@@ -136,7 +136,7 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
 
 
 def account(device: Device) -> str:
-    """Return in lines what was derived, what was assumed and what is missing."""
+    """Return lines of text that list derived, assumed and missing properties."""
     found = device.description
     model = DeviceModel(found, device.spec.copy().compile())
     axes = f"{len(found.axes)} {'axis' if len(found.axes) == 1 else 'axes'}"
@@ -180,7 +180,7 @@ def account(device: Device) -> str:
 
 
 def description_text(device: Device) -> str:
-    """Return the file of a device's description, complete, to be edited."""
+    """Return the text of a complete description file, for a user to edit."""
     name = Path(device.name).name
     lines = [
         f"# Description of the device in {name}.",
@@ -211,7 +211,7 @@ def description_text(device: Device) -> str:
 
 
 def require_new_file(path: str | os.PathLike[str]) -> None:
-    """Find out, before anything is shown, whether a description may be written."""
+    """Refuse a path to which a description cannot be written, or that exists."""
     if Path(path).exists():
         raise CableError(f"{path} is there already; give another name with --out.")
     if not Path(path).parent.is_dir():
@@ -226,7 +226,7 @@ def write_description(device: Device, path: str | os.PathLike[str]) -> None:
 
 
 def _quoted(heading: str) -> str:
-    """Return the name of a table, its parts in quotes where TOML needs them."""
+    """Return a TOML table heading, with parts in quotes where TOML needs them."""
     if heading.startswith("wearer."):
         joint = heading.removeprefix("wearer.")
         bare = joint.replace("_", "").replace("-", "").isalnum() and joint.isascii()

@@ -1,10 +1,10 @@
-"""Measurements of a device and their quality: steps, noise and delay.
+"""Sensors of a device and their quality: encoder steps, noise and delay.
 
 Encoders count in steps; velocities are differences of counts through a low-pass. The
-joint torque sensor and the tension sensors along the cables have white noise. All that
-is measured, the desired torque too, comes late by whole control steps.
+joint torque sensor and the tension sensors along the cables have white noise. All
+measurements, and the desired torque, are late by a number of control steps.
 
-    drive = sensing.equip(env.unwrapped.drive)     # as good as these tension sensors
+    drive = sensing.equip(env.unwrapped.drive)     # with tension sensors
     measuring = Measuring(sensing, drive, ("flexor", "extensor"), seed, steps)
     torque = controller.torque(measuring.measure(info))
 """
@@ -74,7 +74,7 @@ class Sensors:
     """Tension sensors along a cable.
 
     Raises:
-        CableError: not one positive deviation per sensor, or no sensor.
+        CableError: There is no sensor, or not one positive deviation for each.
     """
 
     nodes: tuple[int, ...]
@@ -100,12 +100,13 @@ class Sensors:
     def at(
         cls, cable: Cable, positions: Sequence[float], deviation: ArrayLike
     ) -> Sensors:
-        """Return sensors at the nodes nearest to places [m] from the proximal end.
+        """Return sensors at the nodes nearest to `positions`.
 
-        `deviation` is the standard deviation of each (m,), or one for all [N].
+        `positions` (m,) are distances from the proximal end [m]; `deviation` is the
+        standard deviation of each sensor (m,) or of all [N].
 
         Raises:
-            CableError: a place off the cable.
+            CableError: A position is off the cable.
         """
         own, places = _node_places(cable), np.ravel(numbers("positions", positions))
         for position in places:
@@ -119,19 +120,21 @@ class Sensors:
 
     @classmethod
     def everywhere(cls, cable: Cable, deviation: ArrayLike) -> Sensors:
-        """Return a sensor at every node, with deviations (n + 1,) or one [N].
+        """Return a sensor at each of the n + 1 nodes of a cable.
+
+        `deviation` is the standard deviation of each sensor (n + 1,) or of all [N].
 
         Raises:
-            CableError: no cable, or deviations that are not positive.
+            CableError: `cable` is no cable, or a deviation is not positive.
         """
         nodes = range(len(_node_places(cable)))
         return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
-        """Return the nodes as an array, checked to be on the cable.
+        """Return the node indices (sensors,), after a check that `cable` has them.
 
         Raises:
-            CableError: a node that the cable does not have.
+            CableError: The cable lacks a node.
         """
         for node in self.nodes:
             if not 0 <= node <= cable.segments:
@@ -143,7 +146,7 @@ class Sensors:
 
 
 def _node_places(cable: Cable) -> Array:
-    """Return the places of the nodes of a cable (n + 1,) [m]."""
+    """Return the positions of a cable's nodes from its proximal end (n + 1,) [m]."""
     from cc_mujoco.cable import Cable
     from cc_mujoco.cable._conduit import node_places
 
@@ -162,7 +165,7 @@ def _per_sensor(deviation: ArrayLike, count: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Sensing:
-    """Quality of the measurements of a device."""
+    """Quality of a device's sensors: noise, encoder steps, velocity filter, delay."""
 
     torque_noise: float
     """Standard deviation of the joint torque sensor [N m]."""
@@ -199,9 +202,9 @@ class Sensing:
     def equip(self, drive: Drive) -> Drive:
         """Return a drive with these sensors.
 
-        It has tension sensors at both ends and the middle of every cable, the delay of
-        the measurements and the noise of the torque sensor; without a joint sensor the
-        delay alone.
+        It has tension sensors at both ends and the middle of every cable, the delay,
+        and the noise of the torque sensor; without a joint sensor it has the delay
+        alone.
         """
         changed: dict[str, Any] = {"delay": self.delay, "sensors": ()}
         if self.joint_sensor:
@@ -216,7 +219,7 @@ class Sensing:
         return dataclasses.replace(drive, joint_sensor=self.joint_sensor, **changed)
 
     def to_json(self) -> dict[str, float | None]:
-        """Return the fields as plain JSON; an infinite `cutoff` is null."""
+        """Return the fields as a dictionary for JSON; an infinite `cutoff` is None."""
         fields = dataclasses.asdict(self)
         return {n: v if math.isfinite(v) else None for n, v in fields.items()}
 
@@ -229,11 +232,10 @@ PERFECT_SENSING = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
 
 
 class Measuring:
-    """Sensors of one environment, or of n, during their episodes.
+    """Sensors of one environment, or of n, during an episode.
 
-    A reading is that of an exact sensor, in steps of its encoder or with the error of
-    this control step, and arrives late. A tension sensor reads no less than 0, nor does
-    a slack cable have less.
+    A reading is the true value, rounded to encoder steps or with the noise of this
+    control step, and arrives late. Tensions, and readings of them, are at least 0.
     """
 
     def __init__(
@@ -248,13 +250,14 @@ class Measuring:
         noise: ArrayLike = 1.0,
         bias: ArrayLike = 0.0,
     ) -> None:
-        """Draw the errors of the episode.
+        """Draw the noise of the episode.
 
-        Each of the `seeds` alone determines the noise of its environment. `cables` are
-        named as in the columns; none where their tensions are not read. `steps` of
-        control are counted. In place of the `delay` of `sensing`, as multiples of its
-        `noise`, and of the `bias` of the torque sensor and every tension sensor there
-        may be one number, or one for each environment.
+        `seeds` is one seed, or one for each of n environments; a seed alone determines
+        the noise of its environment. `cables` are the names in the columns; () reads no
+        tensions. `steps` is the number of control steps. `delay` [control steps]
+        replaces that of `sensing`; `noise` is a factor of its noise; `bias` shifts the
+        torque and tension sensors, as a multiple of their noise. Each is one number, or
+        one per environment.
         """
         self._sensing = sensing
         self._commands_angle = drive.commands_angle
@@ -287,14 +290,13 @@ class Measuring:
         self._kept: dict[str, Array] = {}
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the controller's readings of the columns of the next step.
+        """Return the readings of the next control step, in new arrays.
 
-        `columns` are `MEASURED_COLUMNS`, perhaps `WINDING_COLUMNS` and, where the drive
-        has tension sensors, the tensions of the nodes of every cable, which may be
-        below 0 where it is slack: numbers and (nodes,), or of n environments (n,) and
-        (n, nodes). The readings are those, with `TENSION_COLUMN` for the tensions and
-        `REFERENCE_COLUMN` where the drive commands an angle, and share nothing with
-        them. Without a joint sensor nothing of `JOINT_COLUMNS` is read.
+        `columns` has the true values: `MEASURED_COLUMNS`, and as needed
+        `WINDING_COLUMNS`, ratios, the reference angle, and the node tensions of every
+        cable. They are numbers and (nodes,), or (n,) and (n, nodes) of n environments.
+        Readings have the same names, with `TENSION_COLUMN` for the tensions. Without a
+        joint sensor none is of `JOINT_COLUMNS`.
         """
         self._last = seen = self._read(columns)
         late = seen if self._size == 1 else self._delayed(seen)
@@ -334,7 +336,7 @@ class Measuring:
         return seen
 
     def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:
-        """Round an angle to encoder steps, and derive the velocity from it."""
+        """Round the angle of `side` to `steps` per turn; write a filtered velocity."""
         if not steps and self._share == 1.0:
             return
         angle, rate = f"{side}_angle_rad", f"{side}_velocity_rad_s"
@@ -378,7 +380,7 @@ class AxesMeasuring:
 
 
 def _node_index(nodes: Sequence[int]) -> Any:
-    """Return the index of nodes in an array: a slice (faster) if equally spaced."""
+    """Return an index that selects nodes of an array: a slice if equally spaced."""
     spacings = set(np.diff(nodes).tolist())
     if len(spacings) == 1 and (step := spacings.pop()) > 0:
         return slice(nodes[0], nodes[-1] + 1, step)

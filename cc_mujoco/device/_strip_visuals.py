@@ -1,9 +1,8 @@
-"""A scene without the parts that do not affect the physics.
+"""Removal of the elements of a scene that do not affect its physics.
 
-Scenes are drawn with care, and most of a step goes into things that only draw: sites
-along the conduits, the tendons through them, bodies that do not move. Without them a
-simulation moves the same in half the time: bit for bit where the inertias were
-stated, else within rounding.
+Sites along conduits, tendons through them and bodies at rest only draw, but can take
+half the time of a step. Without them a simulation gives the same bits where the scene
+states its inertias, else the same numbers within rounding.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ Names = dict[mujoco.mjtObj, set[str]]
 
 
 def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
-    """Return a copy with only what moves, collides, pulls or holds.
+    """Return a copy with only the elements that affect the physics.
 
-    Bodies whose inertia follows from their geoms get it stated. Where contacts are
-    enabled, geoms that can collide remain. All that actuators, tendons with a force,
-    equality constraints, flexes and other plugins refer to remains, too, and so do the
-    `kept` tendons, see `route_tendons`.
+    Bodies whose inertia follows from their geoms get it stated. Geoms that can collide
+    remain if contacts are enabled. So does everything that actuators, tendons with a
+    force, equality constraints, flexes and other plugins refer to, and the tendons in
+    `kept`, see `route_tendons`.
     """
     spec = whole.copy()
     if any(a.gaintype == mujoco.mjtGain.mjGAIN_MUSCLE for a in spec.actuators):
@@ -90,7 +89,7 @@ def route_tendons(cables: Iterable[Cable]) -> tuple[str, ...]:
 
 
 def reserve_memory(spec: mujoco.MjSpec, cables: Iterable[Cable]) -> None:
-    """Give a stripped scene memory for the work on its cables."""
+    """Add arena memory for the work on the cables to a stripped scene."""
     if spec.memory >= 0:  # else MuJoCo decides, and gives plenty
         segments = [cable.segments for cable in cables]
         # For the plugin's work on a segment, for each cable and two more: twice what it
@@ -99,7 +98,7 @@ def reserve_memory(spec: mujoco.MjSpec, cables: Iterable[Cable]) -> None:
 
 
 def remaining_cable(spec: mujoco.MjSpec, cable: Cable) -> Cable:
-    """Return a cable as it is in a stripped scene, which may have lost its tendon."""
+    """Return the cable without its route if the stripped scene lacks that tendon."""
     return cable if spec.tendon(cable.route) else cable.replace(route="")
 
 
@@ -111,7 +110,7 @@ def _counts(spec: mujoco.MjSpec) -> list[int]:
 
 
 def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
-    """Write the inertia of moving bodies that are about to lose geoms."""
+    """State the inertia of each moving body that is about to lose geoms."""
     if spec.compiler.inertiafromgeom == _ALWAYS_INFERRED:
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         for body in spec.bodies[1:]:
@@ -128,16 +127,16 @@ def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
 
 
 def _infers_always(body: Any) -> bool:
-    """Return whether the inertia of a body follows from its geoms, stated or not.
+    """Return whether MuJoCo infers a body's inertia from geoms even if it is stated.
 
-    Once `_state_inertias` has run, that is so only in an attached part, whose settings
-    are also those of the scene that it was attached to.
+    Once `_state_inertias` has run, that is so only in an attached part, whose compiler
+    settings are then also those of the scene that it was attached to.
     """
     return bool(body.compiler.inertiafromgeom == _ALWAYS_INFERRED)
 
 
 def _moves(body: Any) -> bool:
-    """Return whether a joint moves a body or one that carries it."""
+    """Return whether a joint moves the body or one of its ancestors."""
     while body is not None:
         if body.joints:
             return True
@@ -146,7 +145,11 @@ def _moves(body: Any) -> bool:
 
 
 def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> bool:
-    """Return whether the physics needs a geom beyond the inertia of its body."""
+    """Return whether the physics needs a geom for more than its body's inertia.
+
+    `needed` has the names of the elements in use, `collides` is True if contacts are
+    on.
+    """
     body = geom.parent
     if body.plugin.active or (_moves(body) and _infers_always(body)):
         return True
@@ -157,7 +160,7 @@ def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> boo
 
 
 def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
-    """Return whether a tendon has a force, or something else refers to it."""
+    """Return whether a tendon has a force, or an actuator or equality refers to it."""
     limited = tendon.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
         tendon.limited == mujoco.mjtLimited.mjLIMITED_AUTO
         and tendon.range[0] < tendon.range[1]
@@ -172,14 +175,14 @@ def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
 
 
 def _configured_names(spec: mujoco.MjSpec) -> set[str]:
-    """Return all words in the configurations of plugins other than cables."""
+    """Return every word in the configurations of plugins other than cables."""
     others = [plugin for plugin in spec.plugins if plugin.plugin_name != PLUGIN]
     texts = [text for plugin in others for text in dict(plugin.config).values()]
     return {word for text in texts for word in text.split()}
 
 
 def _needed_names(spec: mujoco.MjSpec) -> Names:
-    """Return the elements to which what remains refers."""
+    """Return the names, by type, to which the remaining elements refer."""
     body, site, geom = (
         mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_GEOM
     )  # fmt: skip
@@ -228,10 +231,10 @@ def _delete_assets(spec: mujoco.MjSpec) -> None:
 
 
 def _arena_bytes(spec: mujoco.MjSpec) -> int:
-    """Return four times what joints and tendons can need without contacts.
+    """Return the size of the arena [B]: four times the need of joints and tendons.
 
-    MuJoCo's own arena is 13 MB: the allocator would be left with holes as large
-    whenever a batch of simulations ends, and a study would grow with its designs.
+    MuJoCo's default arena of 13 MB would leave holes in the heap whenever a batch of
+    simulations ends, so that memory would grow with the number of designs.
     """
     most = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}
     dofs = sum(most.get(joint.type, 1) for joint in spec.joints)

@@ -1,8 +1,8 @@
 """Variables of a plant: one table of names, units, bounds and meanings.
 
-Every parameter of a cable is a variable; those below are of the route, the pulleys, the
-motor, the rope, the wearer and the sensors. `CABLE.NAME` is a variable of one cable
-alone (`flexor.friction`), `AXIS.NAME` one of all cables of an axis.
+Every parameter of a cable is a variable. `variables.csv` adds those of the route, the
+pulleys, the motor, the rope, the wearer and the sensors. `CABLE.NAME` is a variable of
+one cable alone (`flexor.friction`), `AXIS.NAME` one of all cables of an axis.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Value = float | int | str
 
 
 def _read_variables() -> dict[str, dict[str, Parameter]]:
-    """Read `variables.csv`, by what has the variable: cable, axis, design, episode."""
+    """Read `variables.csv`: parameters by owner (such as cable or axis) and name."""
     choices = {"material": MATERIALS, "material_friction": ENDS, "motor": MOTORS}
     found: dict[str, dict[str, Parameter]] = {}
     with Path(__file__).with_name("variables.csv").open(encoding="utf-8") as file:
@@ -85,13 +85,13 @@ CONFLICTS: tuple[tuple[str, ...], ...] = (
 
 
 def split(name: str) -> tuple[str | None, str]:
-    """Return the owner and the variable that a name stands for; None is any owner."""
+    """Return owner and variable of `OWNER.NAME`; the owner of `NAME` is None."""
     cable, dot, own = name.rpartition(".")
     return (cable if dot else None), own
 
 
 def describe(name: str) -> Parameter:
-    """Return the variable of a name that was found before, for its unit and meaning."""
+    """Return the parameter (unit, bounds, meaning) of a variable known to exist."""
     return VALUES[split(name)[1]]
 
 
@@ -102,10 +102,10 @@ def find(
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Parameter:
-    """Look a variable up by `NAME`, `CABLE.NAME` or `AXIS.NAME`.
+    """Return the parameter of a variable `NAME`, `CABLE.NAME` or `AXIS.NAME`.
 
-    `AXIS.NAME` means all cables of the axis for a variable of cables. `axes` have the
-    names of their cables; `kind` is what an error calls a variable.
+    `AXIS.NAME` means all cables of the axis if the variable is one of cables. `axes`
+    has the cables of each axis, `among` the known variables; errors call one a `kind`.
     """
     owner, own = split(name)
     if own not in among:
@@ -128,7 +128,7 @@ def read_values(
     cables: Iterable[str],
     axes: Mapping[str, Sequence[str]],
 ) -> dict[str, Value]:
-    """Return values with names and bounds checked, in the order given."""
+    """Return the values, checked against the names and bounds of `VALUES`, in order."""
     cables = tuple(cables)
     read = {
         name: find(name, cables, axes, VALUES).read(value, f"variable {name!r}")
@@ -155,7 +155,10 @@ def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
-    """Return the values for a cable or an axis; those that name it take precedence."""
+    """Return the values that apply to `owners`, cables or axes, by variable.
+
+    A value that names an owner takes precedence over one that names none.
+    """
     own = {name: value for name, value in values.items() if "." not in name}
     for owner in owners:
         start = f"{owner}."

@@ -1,9 +1,9 @@
-"""The walker of a plant, and the help that the ankle demands.
+"""Variables of the wearer: walking speed, body, and torque profile at the ankle.
 
     pace_of({"gait_speed": 1.4})
     profile_of({"peak_time": 50.0, "fall": 9.0})
 
-Values that say nothing of either leave the walk of the scene as it is, bit for bit.
+Designs that set none of them leave the walk of the scene unchanged, bit for bit.
 """
 
 from __future__ import annotations
@@ -34,12 +34,15 @@ def pace_of(design: Mapping[str, Value]) -> Pace:
 
 
 def speed_of(design: Mapping[str, Value]) -> float | None:
-    """Return the walking speed that a design sets [m/s], or None."""
+    """Return the walking speed that a design sets [m/s]; None if it sets none."""
     return float(design["gait_speed"]) if "gait_speed" in design else None
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
-    """Return the profile that a design sets, or None; its peak goes with the wearer."""
+    """Return the torque profile of a design, None without one.
+
+    The peak torque follows from the wearer's mass unless the design sets it.
+    """
     said = {name: float(design[name]) for name in PROFILE if name in design}
     if not said:
         return None
@@ -54,7 +57,7 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
 
 
 def require_possible(device: Description, design: Mapping[str, Value]) -> None:
-    """Refuse walks and profiles that a scene cannot have."""
+    """Refuse a design whose walk or torque profile is impossible in the scene."""
     require_scene(device, design)
     pace_of(design)
     profile, helped = profile_of(design), helped_axis(device)
@@ -67,13 +70,13 @@ def require_possible(device: Description, design: Mapping[str, Value]) -> None:
 
 
 def helped_axis(device: Description) -> Axis | None:
-    """Return the axis that helps the push-off of an ankle; None if there is none."""
+    """Return the axis that assists the ankle's push-off; None if there is none."""
     helped = (axis for axis in device.axes if axis.task.partition(":")[0] == "assist")
     return next(helped, None)
 
 
 def require_scene(device: Description, names: Collection[str]) -> None:
-    """Refuse to vary a walk or a profile in a scene without."""
+    """Refuse variables of a walk or of a profile in a scene whose wearer has none."""
     for name in (*WALKER, *PROFILE):
         walks = device.trajectory == "walk"
         if name in names and not (walks if name in WALKER else helped_axis(device)):
@@ -106,8 +109,8 @@ def tasks_of(
 ) -> str | Path | Task | Mapping[str, str | Path | Task] | None:
     """Return the task of designs that are simulated together.
 
-    A task that follows the gait goes with their wearer, who is one and the same. At the
-    axis that is helped it is the profile that a design sets, or those of all of them.
+    `given` is scaled to their wearer, who is the same in all. If designs set a torque
+    profile, the axis that `helped_axis` returns follows it; several profiles are rows.
     """
     walker, helped = designs[0], helped_axis(device)
 

@@ -1,4 +1,7 @@
-"""The scripted human: motion and impedance of the joint, and the desired feel."""
+"""The scripted human: motion and impedance of the joint, and tasks of the device.
+
+A task gives the torque or the angle that the device should render at the joint.
+"""
 
 from typing import Any
 
@@ -10,6 +13,6 @@ _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name of the stub."""
+    """Return a public name of `__init__.pyi`, or refuse one that was renamed."""
     require_new_name(name)
     return _attribute(name)

@@ -12,10 +12,10 @@
     >>> task("tunnel:half_width=0.1,limit=0.5").limit
     0.5
 
-The first number may have no name: it is the first parameter of the motion or task.
-Defaults suit a wrist, except those of `walk`, which is an ankle's. Parameters are
-changed with `dataclasses.replace`; `Trajectory` says what all have in common. Torques
-from a table are against the phase of the gait, or against time:
+A first number without a name is the first parameter of the trajectory or task. Defaults
+suit a wrist, except those of `walk`, which suit an ankle. Parameters are changed with
+`dataclasses.replace`; `Trajectory` has what all have in common. A table of torques is
+over the phase of the gait, or over time:
 
 read_torque("torque.csv")               # phase or time_s, torque_nm
 read_torque("torque.csv", ("knee",))    # or knee_torque_nm, knee_angle_moment_nm
@@ -49,7 +49,7 @@ Entry = TypeVar("Entry")
 
 @dataclass(frozen=True)
 class Centred(Trajectory):
-    """Scripted trajectory about an angle other than 0, starting there at rest."""
+    """Scripted trajectory about an angle other than 0, at which it starts at rest."""
 
     base: Trajectory  # trajectory about 0
     centre: float  # angle that is added [rad]
@@ -65,7 +65,7 @@ class Centred(Trajectory):
 
 @dataclass(frozen=True)
 class UserTrajectory(Trajectory):
-    """A trajectory of the user's own class, whose errors are reported in a sentence."""
+    """Trajectory of a user's class; its errors become a `CableError` of a sentence."""
 
     name: str  # `MODULE:NAME`
     own: Trajectory
@@ -93,22 +93,22 @@ def trajectory(
     centre: float = 0.0,
     joints: Mapping[str, tuple[float, float]] | None = None,
 ) -> Trajectory:
-    """Return the trajectory that is meant, made to fit a device.
+    """Return the trajectory that `given` names, adapted to a device.
 
-    A named one moves about `centre`, where it starts at rest, and its default amplitude
-    is reduced to `limit`; an amplitude that is given is not. With `centre` 0 it is the
-    entry of `TRAJECTORIES`, bit for bit. `walk` has the angles of the gait on the
-    joints that take part in it and is not moved to `centre`, see `Walk.on_joints`; a
-    recorded motion, and one of the user, stays what it is.
+    A built-in trajectory moves about `centre`, where it starts at rest. Its default
+    amplitude is reduced to `limit`; one in the text is kept. At `centre` 0 and without
+    `limit` it is the entry of `TRAJECTORIES`, bit for bit. `walk` has the angles of the
+    gait, on the joints that take part (`Walk.on_joints`), and ignores `centre`.
+    Recorded motions and those of a user are not changed.
 
     Args:
         given: A key of `TRAJECTORIES`, also with numbers (`sine:0.3`,
-            `chirp:0.2,high=5`); a table (a `Path`, or a text that ends as one, see
-            `read_trajectory`); `MODULE:NAME` of a `Trajectory` or a function that
-            returns one; or a trajectory.
-        limit: Largest excursion of named trajectories from `centre` [rad]; none by
+            `chirp:0.2,high=5`); a table (a `Path`, or a text with the ending of one,
+            see `read_trajectory`); `MODULE:NAME` of a `Trajectory` or of a function
+            that returns one; or a trajectory.
+        limit: Largest excursion of built-in trajectories from `centre` [rad]; none by
             default.
-        centre: Angle about which named trajectories move [rad].
+        centre: Angle about which built-in trajectories move [rad].
         joints: Range [rad] by name of the joints that the wearer moves, the driven one
             first; by default joints are not checked.
 
@@ -151,7 +151,7 @@ def _on_joints(
 
 @dataclass(frozen=True)
 class PhaseTorque(Task):
-    """A torque over the phase, linear between its samples and periodic."""
+    """Torque as a periodic function of the phase, linear between its samples."""
 
     of_phase = True
     phases: tuple[float, ...]
@@ -168,9 +168,9 @@ class PhaseTorque(Task):
 
 @dataclass(frozen=True)
 class TimeTorque(Task):
-    """A torque over the time of the episode, linear between its samples.
+    """Torque as a function of the time in the episode, linear between its samples.
 
-    Before the first sample and after the last it keeps their torques.
+    It is constant before the first sample and after the last.
     """
 
     of_phase = True
@@ -195,13 +195,13 @@ class TimeTorque(Task):
 def read_torque(
     path: str | Path, joints: Sequence[str] = ()
 ) -> PhaseTorque | TimeTorque:
-    """Read a profile from a table with a column of torque over phase or time.
+    """Read a torque profile from a table with a column of torque over phase or time.
 
-    `phase` holds fractions of the cycle up to 1; `phase_percent` (or `phase [%]`) per
-    cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time since
-    the start of the episode. Torque is `torque_nm`, or in another unit of torque, with
-    the name of a joint before it, if any. It acts on the first of the `joints`; without
-    any the file must have one column of torque.
+    `phase` is a fraction of the cycle from 0 to 1, `phase_percent` (or `phase [%]`) one
+    in per cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time
+    since the start of the episode. Torque is `torque_nm` or has another unit of torque,
+    after the name of a joint if there is one. The column of the first of `joints` is
+    read; without `joints` the file must have a single column of torque.
 
     Raises:
         CableError: If the file cannot be read or used; names file, column and row.
@@ -272,7 +272,7 @@ def _torque_column(
 
 @dataclass(frozen=True)
 class UserTask(Task):
-    """A task of the user's own class, whose errors are reported in one sentence."""
+    """Task of a user's class; its errors become a `CableError` of a sentence."""
 
     name: str  # `MODULE:NAME`
     own: Task
@@ -288,13 +288,13 @@ class UserTask(Task):
 
 
 def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
-    """Return the task that is meant.
+    """Return the task that `given` names.
 
     Args:
         given: A key of `TASKS`, also with numbers (`hold:-12`, `spring:2.5`,
-            `tunnel:half_width=0.1,limit=0.5`); a torque profile over phase or time in a
-            table (a `Path`, or a text that ends as one, see `read_torque`);
-            `MODULE:NAME` of a `Task` or a function that returns one; or a task.
+            `tunnel:half_width=0.1,limit=0.5`); a table of torque over phase or time (a
+            `Path`, or a text with the ending of one, see `read_torque`); `MODULE:NAME`
+            of a `Task` or of a function that returns one; or a task.
         joints: Name of the joint that the torque acts on, for a table.
 
     Raises:
@@ -307,7 +307,7 @@ def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
 
 
 def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:
-    """Return whether a text is `MODULE:NAME` and not a name with numbers."""
+    """Return whether a text is `MODULE:NAME`, not a name of `registry` with numbers."""
     if not isinstance(text, str) or is_table(text):
         return False
     place, colon, name = text.partition(":")
@@ -315,10 +315,10 @@ def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:
 
 
 def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
-    """Return the entry of a name, with the parameters after its colon.
+    """Return the entry that a text names, with the parameters after its colon.
 
-    The text is `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`; entries are
-    frozen dataclasses. `kind` is what an error calls them.
+    The text is `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`. Entries of
+    `registry` are frozen dataclasses; errors call one a `kind`.
     """
     name, colon, rest = text.partition(":")
     found: Any = look_up(kind, name, registry)
@@ -360,7 +360,10 @@ def _object(
     base: type[Any],
     wrap: Callable[[str, Any], Any],
 ) -> Any:
-    """Return an object of `base`, or of `MODULE:NAME` in a `wrap`; else None."""
+    """Return `given` if it is a `base`; else the object of `MODULE:NAME`, from `wrap`.
+
+    A class or function is called first. None means the text is a name of `registry`.
+    """
     if isinstance(given, base):
         return given
     if not isinstance(given, str):
@@ -390,7 +393,7 @@ def is_package_object(given: object) -> bool:
 
 
 def user_classes(given: object) -> tuple[str, ...]:
-    """Return the user's classes of an object and of its fields, as `MODULE:NAME`."""
+    """Return `MODULE:NAME` of an object's class and its fields', if not this package's."""
     kind = type(given)
     found = [] if is_package_object(given) else [f"{kind.__module__}:{kind.__name__}"]
     if dataclasses.is_dataclass(given):

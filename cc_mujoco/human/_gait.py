@@ -1,4 +1,4 @@
-"""Level walking as a few harmonics: joint angles and the assistance of a soft exosuit.
+"""Level walking as harmonic series: joint angles and the assistance of a soft exosuit.
 
     >>> from cc_mujoco.human._gait import GAIT_ANGLES, assistance
     >>> round(GAIT_ANGLES["ankle"](0.5), 2)          # rad, dorsiflexed before push-off
@@ -28,7 +28,7 @@ from cc_mujoco.human._pace import Real
 
 @dataclass(frozen=True)
 class Harmonics:
-    """A smooth function of the phase with period 1.
+    """Fourier series in the phase p, of period 1.
 
     f(p) = sum over k of a_k cos(2 pi k p) + b_k sin(2 pi k p), k = 0 .. n.
     """
@@ -36,7 +36,7 @@ class Harmonics:
     coefficients: tuple[tuple[float, float], ...]  # pairs (a_k, b_k), from k = 0
 
     def __call__(self, phase: Real) -> Real:
-        """Evaluate f, elementwise; scalars and arrays give the same bits."""
+        """Evaluate the series at phases, elementwise, with equal bits for scalars."""
         turn = 2 * np.pi * phase
         cosine, sine = np.cos(turn), np.sin(turn)
         if not isinstance(turn, np.ndarray):
@@ -81,10 +81,10 @@ it."""
 
 
 def assistance(phase: Real) -> Real:
-    """Return the plantarflexion assistance by the fraction of the gait cycle [-].
+    """Return the plantarflexion assistance at a phase, as a fraction of its peak [-].
 
-    It is a fraction of its peak [-], elementwise, and the square of a harmonic series,
-    hence smooth and never negative: at most 0.01 where the source has none.
+    It is elementwise. It is the square of a harmonic series, hence smooth and never
+    negative, and at most 0.01 where the source has no assistance.
     """
     root = _PROFILES["assistance_root"](phase)
     return root * root
@@ -94,7 +94,7 @@ SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
 
 class GaitJoint(NamedTuple):
-    """Joint of a device, and the measured joint that moves it."""
+    """Joint of a device, and the joint of the measured gait whose angle it follows."""
 
     name: str
     part: str  # of the measured leg: `ankle`, `knee` or `hip`
@@ -104,7 +104,7 @@ class GaitJoint(NamedTuple):
 
 
 def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, ...]:
-    """Return the joints of a device that a gait moves.
+    """Return the joints of a device that a gait moves, in the order given.
 
     >>> for joint in gait_joints({"left_knee": (0.0, 2.0), "knee_r": (-2.0, 0.0)}):
     ...     print(*joint)
@@ -112,11 +112,11 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
     knee_r knee True False -0.017
 
     A joint takes part if its name contains `ankle`, `knee` or `hip` and no word of
-    another axis, such as `adduction`. The leg of the first joint that names a side is
-    the first leg. A joint is turned where its range [rad] holds the angles of the gait
-    with the opposite sign only, such as a knee whose flexion is positive, and shifted
-    by up to 0.03 rad where it stops short of them, such as a knee that cannot
-    hyperextend. The driven joint is the first.
+    another axis, such as `adduction`. The leg of the first joint that names a side
+    leads, the other follows half a cycle later. A joint is turned if its range [rad]
+    contains the angles of the gait only with the opposite sign, such as a knee with
+    positive flexion. It is shifted by up to 0.03 rad if its range falls short of them,
+    such as a knee that cannot hyperextend.
     """
     other_axes = {"adduction", "abduction", "rotation", "inversion", "eversion"}
     other_axes |= {"x", "z", "yaw", "roll"}
@@ -135,7 +135,10 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
 
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:
-    """Return whether a joint is turned, and its shift [rad]."""
+    """Return whether a joint's range needs the gait's angles negated, and a shift [rad].
+
+    `ends` are the ends of the range [rad].
+    """
     # The largest excursion at any speed
     angles = 1.1 * GAIT_ANGLES[part](np.linspace(0.0, 1.0, 2001))
     least, most = float(angles.min()), float(angles.max())

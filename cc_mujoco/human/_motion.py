@@ -1,4 +1,4 @@
-"""Motion of one joint of a scripted human, and the shapes it is made of.
+"""Motion of a joint of a scripted human, base of all trajectories, and smooth steps.
 
     >>> import numpy as np
     >>> from cc_mujoco.human import TRAJECTORIES
@@ -6,12 +6,12 @@
     >>> motion.angle.shape, float(motion.angle[0]), float(motion.velocity[0])
     ((2001,), 0.0, 0.0)
 
-Promises kept by every trajectory: `velocity` and `acceleration` are the analytic
-derivatives of `angle`; the motion starts at rest, so that an episode can begin without
-a jerk; it is a function of its parameters, the duration and the random generator,
-sampled and not changed by the time step. Scripted motions start at angle 0 (`walk`: at
-heel strike of the gait cycle) and their acceleration is continuous and starts at 0;
-recorded ones start at their first angle.
+In every trajectory `velocity` and `acceleration` are the analytic derivatives of
+`angle`. It starts at rest, so that an episode begins without a jerk. It is a function
+of its parameters, the duration and the random generator; the time step samples it and
+does not change it. Scripted motions start at angle 0 (`walk`: at heel strike of the
+gait cycle) with a continuous acceleration from 0; recorded ones start at their first
+angle.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A joint's motion, sampled at equal steps; all arrays have shape (n + 1,)."""
+    """Motion of a joint, sampled at equal steps; all arrays have shape (n + 1,)."""
 
     time: Array
     """Time from the start of the episode [s]."""
@@ -55,7 +55,7 @@ class Motion:
     `phase`."""
 
     def part(self, first: int, end: int) -> Motion:
-        """Return the samples from `first` until before `end`."""
+        """Return the samples with indices from `first` to `end` - 1."""
         arrays = {
             one.name: value[first:end]
             for one in fields(self)
@@ -71,22 +71,22 @@ _POINTWISE: set[MotionFunction] = set()
 
 
 def pointwise(function: MotionFunction) -> MotionFunction:
-    """Declare of a `Trajectory._motion` that it evaluates each time by itself.
+    """Mark a `Trajectory._motion` that computes each sample from its own time only.
 
-    What it draws must not depend on the times. A long motion is then sampled in parts.
+    Its random numbers must not depend on the times. A long motion is then sampled in
+    parts.
     """
     _POINTWISE.add(function)
     return function
 
 
 class Trajectory(ABC):
-    """A recipe for a motion; subclasses are frozen dataclasses of its parameters."""
+    """Rule for a motion; subclasses are frozen dataclasses of its parameters."""
 
     def sample(self, duration: float, dt: float, rng: np.random.Generator) -> Motion:
-        """Return the motion at the times 0, `dt`, ..., n `dt` of one episode [s].
+        """Return the motion of an episode at the times 0, `dt`, ..., n `dt` [s].
 
-        n is `duration` / `dt`, rounded. `rng` is the source of every random choice,
-        unused by trajectories without any.
+        n is `duration` / `dt`, rounded. `rng` is the source of all random numbers.
 
         Raises:
             CableError: If `duration` or `dt` is not a positive finite number, or if
@@ -98,18 +98,18 @@ class Trajectory(ABC):
 
     @property
     def is_pointwise(self) -> bool:
-        """Return whether each time is evaluated by itself; see `pointwise`."""
+        """True if each sample follows from its own time only; see `pointwise`."""
         return type(self)._motion in _POINTWISE
 
     @abstractmethod
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        """Evaluate the trajectory at the times (n + 1,) of an episode."""
+        """Return the motion at times (n + 1,) of an episode of `duration` [s]."""
 
 
 class SampledMotion:
-    """Motion of one episode in parts, with the bits of `Trajectory.sample`.
+    """Motion of one episode, sampled in parts, with the bits of `Trajectory.sample`.
 
-    Only parts that were requested are in memory if the trajectory `is_pointwise`.
+    If the trajectory `is_pointwise`, only the part requested last is in memory.
     """
 
     def __init__(
@@ -120,7 +120,10 @@ class SampledMotion:
         rng: np.random.Generator,
         rows: int,
     ) -> None:
-        """Draw all that is random; more than `rows` samples are made when asked for."""
+        """Sample the motion, unless it `is_pointwise` and has more than `rows` steps.
+
+        Then `rng` is advanced as if it had been, and `part` samples it later.
+        """
         self._source, self._dt = source, dt
         self._steps = _sample_steps(duration, dt)
         self._rng = copy.deepcopy(rng)
@@ -153,7 +156,7 @@ def _sample_steps(duration: float, dt: float) -> int:
 
 @dataclass(frozen=True)
 class Scripted(Trajectory):
-    """A trajectory that never leaves the band of plus or minus its amplitude."""
+    """Trajectory whose angle stays within plus or minus its amplitude."""
 
     amplitude: float
     """Bound on the absolute angle [rad]."""
@@ -164,7 +167,7 @@ class Scripted(Trajectory):
 
 
 class Ease(NamedTuple):
-    """The smooth step from 0 to 1 on [0, 1]: its integral, value and derivatives."""
+    """Smooth step from 0 to 1 on [0, 1]: its integral, value and two derivatives."""
 
     integral: Array
     value: Array
@@ -175,8 +178,8 @@ class Ease(NamedTuple):
 def minimum_jerk(x: Array) -> Ease:
     """Evaluate the minimum-jerk step s(x) = 10 x^3 - 15 x^4 + 6 x^5.
 
-    s is 0 before x = 0 and 1 after x = 1, with continuous first and second derivatives;
-    it is the straight reach of least jerk (Flash and Hogan, 1985, J. Neurosci. 5(7)).
+    s is 0 before x = 0 and 1 after x = 1, with continuous first and second derivatives.
+    It is the straight reach of least jerk (Flash and Hogan, 1985, J. Neurosci. 5(7)).
     Returns the integral of s from 0, s, ds/dx and d2s/dx2, each of the shape of `x`.
     """
     y = np.clip(x, 0.0, 1.0)
@@ -190,10 +193,10 @@ def minimum_jerk(x: Array) -> Ease:
 
 
 def cycle_fraction(time: Array, period: float) -> Array:
-    """Return the fraction of the current period, in [0, 1)."""
+    """Return the phase within a period [s] at each time [s], in [0, 1)."""
     return np.asarray(np.mod(time / period, 1.0))
 
 
 def episode_fraction(time: Array, duration: float) -> Array:
-    """Return the fraction of the episode, kept below 1."""
+    """Return the fraction of the episode at each time [s], below 1 at its end too."""
     return np.minimum(time / duration, np.nextafter(1.0, 0.0))

@@ -1,4 +1,4 @@
-"""Level walking by speed and size, as ratios to the measured walk of `gait`.
+"""Level walking at other speeds and sizes, as ratios to the measured walk of `_gait`.
 
     >>> from cc_mujoco.human._pace import MEASURED_SPEED, Pace
     >>> round(Pace(1.6).stride, 2)            # strides are shorter in time
@@ -10,9 +10,10 @@ The numbers are means of 20 adults (22 to 72 years, 1.71 m) in four classes of s
 over height: G. Bovi, M. Rabuffetti, P. Mazzoleni, M. Ferrarin, "A multiple-task gait
 analysis approach: kinematic, kinetic and EMG reference data for healthy young and adult
 subjects", Gait & Posture 33, 2011, pp. 6-13, electronic addendum. Stride time, stance
-time and ranges of motion are those of its sheet Parameters; moments the largest of the
-mean curves of its sheet Joint Moments: plantarflexion at the ankle, flexion at the hip.
-Between the classes, and 0.06 m/s below the slowest, numbers go as powers of the speed.
+time and ranges of motion are those of its sheet Parameters. Moments are the maxima of
+the mean curves in its sheet Joint Moments: plantarflexion at the ankle, flexion at the
+hip. Numbers are interpolated between the classes as powers of the speed, and
+extrapolated to 0.06 m/s below the slowest.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ _SPEED_CLASSES = {
 
 @dataclass(frozen=True)
 class Pace:
-    """Walking at a speed; at `MEASURED_SPEED` every ratio is 1 and no phase moves."""
+    """Gait at a walking speed, as ratios to the measured walk at `MEASURED_SPEED`."""
 
     speed: float = bounded(MEASURED_SPEED, MIN_SPEED, MAX_SPEED, "m/s")
     """Walking speed [m/s]."""
@@ -62,7 +63,7 @@ class Pace:
 
     @cached_property
     def stride(self) -> float:
-        """Stride time over that of the measured walk [-]."""
+        """Ratio of the stride time to that of the measured walk [-]."""
         return self._ratio("stride")
 
     @cached_property
@@ -71,13 +72,13 @@ class Pace:
         return TOE_OFF * self._ratio("stance")
 
     def excursion(self, joint: str) -> float:
-        """Return a joint's range of motion, relative to the measured one [-]."""
+        """Return the ratio of a joint's range of motion to the measured one [-]."""
         return self._ratio(joint)
 
     def moment(self, joint: str) -> float:
-        """Return a joint's largest moment, relative to the measured one [-].
+        """Return the ratio of a joint's largest moment to the measured one [-].
 
-        NaN for the knee at another speed than the measured one, where none is known.
+        It is NaN for the knee, except at the measured speed: no data are known.
         """
         name = f"{joint}_moment"
         if name not in _SPEED_CLASSES:
@@ -85,9 +86,10 @@ class Pace:
         return self._ratio(name)
 
     def phase(self, phase: Real) -> Real:
-        """Return the phase of the measured walk for that at this speed, elementwise.
+        """Return the phase of the measured walk at equal progress, elementwise.
 
-        w(p) = p + s (1 - cos 2 pi p) / 2 with s such that w(`toe_off`) = `TOE_OFF`.
+        w(p) = p + s (1 - cos 2 pi p) / 2 for phase p of this walk, with s such that
+        w(`toe_off`) = `TOE_OFF`: heel strike and toe-off of both coincide.
         """
         cosine = np.cos(2 * np.pi * phase)
         if not isinstance(phase, np.ndarray):
@@ -95,12 +97,12 @@ class Pace:
         return phase + self._shift * (0.5 - 0.5 * cosine)
 
     def slope(self, phase: Real) -> Real:
-        """Return the first derivative of `phase` [-], of the shape of its argument."""
+        """Return the derivative dw/dp of `phase` [-], shaped as its argument."""
         found: Real = 1.0 + self._shift * np.pi * np.sin(2 * np.pi * phase)
         return found
 
     def bend(self, phase: Real) -> Real:
-        """Return the second derivative of `phase` [-], of the shape of its argument."""
+        """Return the derivative d2w/dp2 of `phase` [-], shaped as its argument."""
         found: Real = self._shift * 2 * np.pi**2 * np.cos(2 * np.pi * phase)
         return found
 
@@ -114,7 +116,7 @@ class Pace:
 
 
 def _interpolate(name: str, speed: float) -> float:
-    """Return a number at a speed, by log-log linear interpolation between classes."""
+    """Return a number of the speed classes at a speed [m/s], log-log linear in between."""
     x, y = np.log(_SPEED_CLASSES["speed"]), np.log(_SPEED_CLASSES[name])
     here = np.log(speed / WEARER_HEIGHT)
     left = int(np.clip(np.searchsorted(x, here) - 1, 0, x.size - 2))
@@ -124,7 +126,7 @@ def _interpolate(name: str, speed: float) -> float:
 
 @dataclass(frozen=True)
 class Body:
-    """A wearer by size, relative to that of the scenes, which changes nothing by a bit.
+    """Wearer of another size, as ratios to the wearer of the scenes.
 
         >>> tall = Body(mass=90.0, leg=1.0)
         >>> round(tall.time, 3), round(tall.moment, 2)    # strides are longer in time
@@ -133,12 +135,12 @@ class Body:
         True
 
     Two people walk similarly at the same Froude number v^2 / (g l), of speed v and leg
-    length l: times are then as sqrt(l / g), moments as m g l (A. L. Hof, "Scaling gait
-    data to body size", Gait & Posture 4, 1996, pp. 222-223). Segments have fixed shares
-    of the mass of the body and of its height (D. A. Winter, Biomechanics and Motor
-    Control of Human Movement, Fig. 4.1 and Table 4.1, adults), so their inertias go as
-    m l^2. Builds that differ from that, and people who walk otherwise than by size, are
-    not in it.
+    length l: times then scale with sqrt(l / g), moments with m g l (A. L. Hof, "Scaling
+    gait data to body size", Gait & Posture 4, 1996, pp. 222-223). Segments have fixed
+    shares of the body's mass and height (D. A. Winter, Biomechanics and Motor Control
+    of Human Movement, Fig. 4.1 and Table 4.1, adults), so that inertias scale with m
+    l^2. Other proportions, and gaits that differ by more than size, are not modelled.
+    All ratios of the scenes' wearer are 1, bit for bit.
     """
 
     # Shares of the mass of the body [-]
@@ -154,29 +156,30 @@ class Body:
 
     @property
     def longer(self) -> float:
-        """Length of leg over that of the scenes' wearer [-]."""
+        """Ratio of the leg's length to that of the scenes' wearer [-]."""
         return self.leg / Body.leg
 
     @property
     def heavier(self) -> float:
-        """Mass over that of the scenes' wearer [-]."""
+        """Ratio of the mass to that of the scenes' wearer [-]."""
         return self.mass / Body.mass
 
     @property
     def time(self) -> float:
-        """Times of a similar gait over those of the scenes' wearer [-]."""
+        """Ratio of the times of a similar gait to those of the scenes' wearer [-]."""
         return math.sqrt(self.longer)
 
     @property
     def moment(self) -> float:
-        """Moments of a similar gait over those of the scenes' wearer [-]."""
+        """Ratio of the moments of a similar gait to those of the scenes' wearer [-]."""
         return self.heavier * self.longer
 
     def pace(self, speed: float | None = None) -> Pace:
         """Return the pace at which the wearer of the scenes walks similarly.
 
-        Its times are to be multiplied by `time`, its moments by `moment`. `speed` is of
-        this wearer [m/s]; by default it is that similar to the measured walk.
+        This wearer's times are its times multiplied by `time`, and moments its moments
+        by `moment`. `speed` is that of this wearer [m/s]; by default it is similar to
+        the measured walk.
 
         Raises:
             CableError: If no data cover a similar gait.

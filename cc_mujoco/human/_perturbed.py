@@ -1,4 +1,4 @@
-"""Motions that something disturbs: bumps at random times, or a tremor."""
+"""Trajectories with an angle added: bumps at random times, or a tremor."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cc_mujoco.human._motion import Array, Motion, Trajectory
 
 @dataclass(frozen=True)
 class Disturbed(Trajectory):
-    """Another trajectory with an angle added to one joint.
+    """Trajectory with an angle added to one joint of another trajectory, `base`.
 
-    Phase and other joints are the other's own.
+    Phase and other joints are those of `base`.
     """
 
     base: Trajectory
@@ -28,7 +28,7 @@ class Disturbed(Trajectory):
 
     @abstractmethod
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
-        """Return the angle, velocity and acceleration that are added, (3, n)."""
+        """Return added angle [rad], velocity and acceleration at the times (3, n)."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         step = float(time[1] - time[0])
@@ -48,10 +48,10 @@ def unperturbed(source: Trajectory) -> Trajectory:
 
 @dataclass(frozen=True)
 class Perturbed(Disturbed):
-    """Another trajectory, jolted: out and back, to a random side, at random times.
+    """Trajectory with bumps at random times, each out and back to a random side.
 
-    A bump is size 64 x^3 (1 - x)^3, x the time since its beginning over its width, so
-    that its acceleration is continuous.
+    A bump is size 64 x^3 (1 - x)^3, where x goes from 0 to 1 over its width. Its
+    acceleration is continuous.
     """
 
     size: float = bounded(0.1, 0.0, 3.0, "rad")
@@ -74,7 +74,10 @@ class Perturbed(Disturbed):
         return bumps
 
     def _bump(self, since: Array) -> Array:
-        """Return the angle, velocity and acceleration of a bump of size 1, (3, n)."""
+        """Return angle, velocity and acceleration of a bump of size 1 (3, n).
+
+        `since` is the time since its start (n,) [s].
+        """
         x = np.clip(since / self.width, 0.0, 1.0)
         y, slope = x * (1.0 - x), 1.0 - 2.0 * x
         bend = 6.0 * y * (slope**2 - y) / self.width**2
@@ -83,11 +86,11 @@ class Perturbed(Disturbed):
 
 @dataclass(frozen=True)
 class Tremor(Disturbed):
-    """Another trajectory with a tremor: a sine of random phase.
+    """Trajectory with a tremor: a sine of random phase, added to one joint.
 
-    Its frequency is drawn once for an episode. Hands and ankles tremble at 4 to 12 Hz
-    (G. Deuschl, P. Bain, M. Brin, "Consensus statement of the Movement Disorder Society
-    on tremor", Movement Disorders 13, 1998).
+    Its frequency is drawn once per episode. Hands and ankles tremble at 4 to 12 Hz (G.
+    Deuschl, P. Bain, M. Brin, "Consensus statement of the Movement Disorder Society on
+    tremor", Movement Disorders 13, 1998).
     """
 
     size: float = bounded(0.02, 0.0, 1.0, "rad")
@@ -102,7 +105,7 @@ class Tremor(Disturbed):
         require_parameter(self, "high", self.low, 50.0, "Hz")
 
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
-        """Return the tremor, which grows from 0 in half a second."""
+        """Return the sine, faded in over 0.5 s, and its derivatives (3, n)."""
         rate = 2.0 * np.pi * rng.uniform(self.low, self.high)
         phase = rng.uniform(0.0, 2.0 * np.pi)
         grown = 0.5  # time in which it grows to its size [s]

@@ -1,4 +1,4 @@
-"""The assistance of the ankle as four numbers that a search can set.
+"""Torque profile that assists the ankle: four numbers that a search can vary.
 
 >>> from cc_mujoco.human._profile import Profile
 >>> Profile(peak_time=50.0, peak_torque=20.0).torque(0.0, 0.0, phase=0.5)
@@ -22,15 +22,15 @@ from cc_mujoco.human._tasks import Task
 
 @dataclass(frozen=True)
 class Profile(Task):
-    """Plantarflexion that rises from onset to a peak and falls to nothing by toe-off.
+    """Plantarflexion torque that rises from its onset to a peak and ends by toe-off.
 
-    Two cubics through onset, peak and end, level at each of the three (assumed); the
-    torque is negative, as the ankle counts dorsiflexion positive, and 0 outside. Time
-    is in per cent of the stride from heel strike. Peak torque, peak time, rise time
-    (here `peak_time` - `onset`) and fall time are the parameters of J. Zhang et al.,
+    Two cubics join onset, peak and end, with zero slope at each (assumed). The torque
+    is 0 outside, and negative, as the ankle counts dorsiflexion positive. Times are in
+    per cent of the stride from heel strike. Peak torque, peak time, rise time (here
+    `peak_time` - `onset`) and fall time are the parameters of J. Zhang et al.,
     "Human-in-the-loop optimization of exoskeleton assistance during walking", Science
-    356, 2017, pp. 1280-1284. The defaults are nearest to the shape of `Assist`, within
-    2 % of its peak (RMS over the stride).
+    356, 2017, pp. 1280-1284. With its defaults the shape is that of `Assist` within 2 %
+    of the peak (RMS over the stride).
     """
 
     of_phase = True
@@ -46,7 +46,7 @@ class Profile(Task):
     """Time at which the foot leaves the ground, the latest end [% of the stride]."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are no profile, and name possible ones."""
+        """Refuse parameters that give no profile; the error says what is possible."""
         super().__post_init__()
         if not self.peak_time - self.onset >= 0.1:
             raise CableError(
@@ -68,7 +68,7 @@ class Profile(Task):
 
     @property
     def end(self) -> float:
-        """Time at which the torque is back at nothing [% of the stride]."""
+        """Time at which the torque is 0 again [% of the stride]."""
         return self.peak_time + self.fall
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -78,7 +78,7 @@ class Profile(Task):
 
 
 class Profiles(Task):
-    """A profile for each of n devices, with the same bits as each by itself."""
+    """Profile of each of n devices, with the same bits as one device's `Profile`."""
 
     of_phase = True
 

@@ -1,10 +1,10 @@
-"""Motions of one joint or of several, read from a table.
+"""Trajectories of one or several joints, read from a table.
 
     read_trajectory("motion.csv")                      # time_s, angle_rad
     read_trajectory("walk.mot", ("knee_r", "hip_r"))   # knee_angle_r, hip_r, in degrees
 
-A column of angles is named by its joint and its unit, `knee_deg` or `knee_angle_rad`; a
-plain `angle_deg`, or `joint_angle_deg`, is that of the joint that the device drives.
+A column of angles is named by its joint and its unit, `knee_deg` or `knee_angle_rad`;
+`angle_deg` or `joint_angle_deg` is that of the joint that the device drives.
 `_utils.tables` reads CSV, TSV, Parquet, OpenSim, MATLAB and HDF5 files.
 """
 
@@ -38,10 +38,10 @@ _DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
 
 @dataclass(frozen=True)
 class Recorded(Trajectory):
-    """A recorded motion, joined by a cubic spline and held at its last angle.
+    """Recorded motion: a cubic spline through its samples, then its last angle.
 
-    The spline starts and ends at rest, so that an episode can begin without a jerk and
-    the hold that follows the end continues the motion. Phase: fraction of the episode.
+    The spline starts and ends at rest, so that an episode begins without a jerk and the
+    motion is smooth when it stops at the end. Phase: fraction of the episode.
     """
 
     times: tuple[float, ...]
@@ -63,7 +63,7 @@ class Recorded(Trajectory):
         return self.times[-1]
 
     def describe(self) -> str:
-        """Return a sentence on the column, its range and its sign for each joint."""
+        """Return a sentence with column, range and sign of each joint's angle."""
         every = [(self.joint, self.angles), *self.others]
         each = []
         for (joint, angles), column in zip(every, self.columns, strict=True):
@@ -72,7 +72,7 @@ class Recorded(Trajectory):
         return f"{self.source} moves {', '.join(each)}, with the signs of the file"
 
     def on_joints(self, joints: Sequence[str]) -> Recorded:
-        """Return the motion with the names of a device's joints, the driven one first.
+        """Return the motion with the joints of a device, the driven one first.
 
         Raises:
             CableError: If there is no motion of the first joint.
@@ -116,12 +116,12 @@ class Recorded(Trajectory):
 def match_joints(
     columns: Mapping[Words, Entry], joints: Sequence[str]
 ) -> dict[str, Entry]:
-    """Return the columns of a device's joints by the names of the joints.
+    """Return the entry of `columns` for each joint of a device, by the joint's name.
 
-    `columns` are by the words of their names without quantity and unit; the joint that
-    the device drives is the first. A joint of which no column has the name takes that
-    of its limb and side, as OpenSim names them: `hip_flexion_r` for `right_hip`. One
-    without a side takes the right one of two.
+    Keys of `columns` are the words of a column's name, without quantity and unit. The
+    driven joint is the first. A joint without a column of its name takes the one of
+    equal limb and side, as OpenSim names them: `hip_flexion_r` for `right_hip`. A joint
+    that names no side takes the right one of two.
     """
     found = {}
     limbs = {_side_and_limb(key): key for key in columns}
@@ -138,7 +138,7 @@ def match_joints(
 
 
 def _side_and_limb(words: Words) -> tuple[str, Words]:
-    """Return the side, or "", and the other words without that for flexion."""
+    """Return the side of a name's words, or "", and the rest without flexion."""
     sides = [SIDES[word] for word in words if word in SIDES]
     rest = tuple(w for w in words if w not in SIDES and w not in ("flexion", "flex"))
     return sides[0] if len(sides) == 1 else "", rest
@@ -148,13 +148,13 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     """Read a motion from a table with a column of time and columns of angles.
 
     Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to
-    row and may start anywhere. Angles are `angle_rad`, `angle_deg`, `angle_mrad` or
-    `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
-    have their units in the header. The motion is as recorded, shifted to start at 0.
+    row, and is shifted to start at 0. Angles are `angle_rad`, `angle_deg`, `angle_mrad`
+    or `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
+    have their units in the header.
 
-    Columns are those of the device's `joints`, that which it drives first. By default
-    every column of angles is read, and the first or that without a name of a joint is
-    of the driven one.
+    The columns of `joints` are read, of which the device drives the first. By default
+    all columns of angles are read; one without the name of a joint, else the first, is
+    that of the driven joint.
 
     Raises:
         CableError: If the file cannot be read or used, or an angle has no unit; names
@@ -183,7 +183,7 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
 def _angle_columns(
     path: Path, names: Sequence[str], joints: Sequence[str]
 ) -> dict[str, str]:
-    """Return the columns of angles by joint, that of the driven joint first."""
+    """Return the column of angles of each joint, that of the driven joint first."""
     with_unit: dict[Words, list[str]] = {}
     without: dict[Words, list[str]] = {}
     for name in names:
@@ -230,7 +230,7 @@ def _no_unit(path: Path, column: str) -> CableError:
 
 
 def _only(path: Path, columns: Sequence[str]) -> str:
-    """Return the column of a joint: the only one, or that in radians."""
+    """Return the single column of a joint's angle, or the one in radians of several."""
     if len(columns) == 1:
         return columns[0]
     plain = [c for c in columns if quantity_words(c, ANGLE)[1] == ANGLE.unit]

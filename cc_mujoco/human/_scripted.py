@@ -1,8 +1,8 @@
-"""Scripted trajectories: sines, sweeps, reaches, walking and others, by name.
+"""Scripted trajectories by name: sines, sweeps, reaches, walking and others.
 
-A carrier of unit amplitude is faded in by a minimum-jerk step, so that the motion
-starts at rest at angle 0. Moves from point to point are minimum-jerk steps themselves
-(`_motion.minimum_jerk`); of the ramp, the velocity is.
+Periodic signals are multiplied by a minimum-jerk step (`_motion.minimum_jerk`), so that
+they start at rest at angle 0. Moves from point to point are such steps; in `Ramp`, the
+velocity rises and falls as one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cc_mujoco.human._pace import MEASURED_SPEED, SCENE_WEARER, Body, Pace
 
 @dataclass(frozen=True)
 class Sine(Scripted):
-    """A sine that grows from rest to its full amplitude.
+    """Sine that grows from rest to its full amplitude.
 
     Phase: the sine's own period.
     """
@@ -53,7 +53,7 @@ class Sine(Scripted):
 
 @dataclass(frozen=True)
 class Chirp(Scripted):
-    """A sine whose frequency grows exponentially over the episode.
+    """Sine whose frequency grows exponentially over the episode.
 
     Every octave takes the same time. Phase: fraction of the episode.
     """
@@ -82,11 +82,11 @@ class Chirp(Scripted):
 
 @dataclass(frozen=True)
 class Multisine(Scripted):
-    """Sines at every multiple of 1 / period in a band, of random phase.
+    """Sum of sines at every multiple of 1 / period in a band, with random phases.
 
-    Amplitudes fall as 1 / frequency, so that every line carries the same velocity. Of
-    `draws` random sets of phases the one of lowest crest factor (peak over RMS) is
-    kept, which makes most of the amplitude allowed. Phase: the signal's own period.
+    Amplitudes fall with 1 / frequency, so that all have the same velocity. Of `draws`
+    random sets of phases the one with the lowest crest factor (peak over RMS) is kept.
+    Phase: the signal's own period.
     """
 
     amplitude: float = 0.4
@@ -112,7 +112,7 @@ class Multisine(Scripted):
             )
 
     def _lines(self) -> Array:
-        """Return the multiples of 1 / period in the band, its bounds included."""
+        """Return the integers k for which k / period is in the band, ends included."""
         first = max(math.ceil(self.low * self.period - 1e-9), 1)
         last = math.floor(self.high * self.period + 1e-9)
         return np.arange(first, last + 1, dtype=np.float64)
@@ -159,7 +159,7 @@ class Multisine(Scripted):
 
 
 def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) -> Array:
-    """Return the sum of weight cos(line turn + phase)."""
+    """Return the sum over lines of weight cos(line turn + phase), at each angle `turn`."""
     total = np.zeros_like(turn)
     for line, weight, phase in zip(lines, weights, phases, strict=True):
         total += weight * np.cos(line * turn + phase)
@@ -169,7 +169,7 @@ def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) ->
 def _require_order(
     owner: Scripted, low: str, high: str, unit: str, or_equal: bool = False
 ) -> None:
-    """Refuse a parameter `high` that is not above `low`, or at least that."""
+    """Refuse parameters unless `high` > `low` (`high` >= `low` if `or_equal`)."""
     least, most = getattr(owner, low), getattr(owner, high)
     if most < least or (most == least and not or_equal):
         where = type(owner).__name__
@@ -185,7 +185,10 @@ def _fade_in(
     carrier: tuple[Array, Array, Array],
     phase: Array,
 ) -> Motion:
-    """Multiply a carrier, given with two derivatives, by a growing envelope."""
+    """Return the motion of a carrier times amplitude times a minimum-jerk step.
+
+    `carrier` has its values and two derivatives at each time [1, 1/s, 1/s^2].
+    """
     size, fade = owner.amplitude, owner.fade
     step, (value, rate, curvature) = minimum_jerk(time / fade), carrier
     growth, bend = step.rate / fade, step.curvature / fade**2
@@ -197,7 +200,7 @@ def _fade_in(
 
 @dataclass(frozen=True)
 class Loops(Scripted):
-    """A slow sine about an angle whose swing grows from rest and then shrinks.
+    """Slow sine about `centre` whose swing grows from rest and then shrinks.
 
     Phase: fraction of the episode.
     """
@@ -234,10 +237,10 @@ class Loops(Scripted):
 
 @dataclass(frozen=True)
 class Sweep(Scripted):
-    """Sweep to one side, hold, sweep to the other side, hold, and so on.
+    """Move to one side, hold, move to the other side, hold, and so on.
 
     Thesis Experiment 2 (section 2.4.4): at least 20 degrees to each side; the default
-    is 22.9. The first sweep starts in the middle. Phase: one period is both sweeps.
+    is 22.9. The first sweep starts in the middle. Phase: one period has both sweeps.
     """
 
     amplitude: float = 0.4
@@ -257,13 +260,13 @@ class Sweep(Scripted):
 
 @dataclass(frozen=True)
 class Ramp(Scripted):
-    """Constant velocity to the amplitude and back, again and again.
+    """Move at constant velocity to the amplitude and back, repeatedly.
 
-    Thesis section 4.3.2: 1.5 rad in 15 s, back to 0 at 30 s. The velocity is constant
-    except for a corner at each end of a leg, where it rises from rest or falls to rest
-    as a minimum-jerk step; the legs still take exactly their time, so the constant
-    velocity is amplitude / (leg - corner), 0.7 % above the thesis's by default.
-    Phase: one period is there and back.
+    Thesis section 4.3.2: 1.5 rad in 15 s, back to 0 at 30 s. At each end of a leg (one
+    way) the velocity rises from 0 or falls to 0 as a minimum-jerk step of duration
+    `corner`. A leg still takes its exact time, so that the constant velocity is
+    amplitude / (leg - corner), by default 0.7 % above the thesis's. Phase: one period
+    has both legs.
     """
 
     amplitude: float = 1.5
@@ -296,9 +299,9 @@ class Ramp(Scripted):
 
 @dataclass(frozen=True)
 class Reach(Scripted):
-    """Minimum-jerk reaches to random targets, with a dwell at each.
+    """Minimum-jerk reaches to random targets, with a rest at each.
 
-    Targets, movement times and dwells are uniform in their ranges. Phase: fraction of
+    Targets, movement times and rests are uniform in their ranges. Phase: fraction of
     the episode.
     """
 
@@ -328,8 +331,8 @@ class Reach(Scripted):
 class Reversals(Scripted):
     """Moves of random extent, each in the direction opposite to the last.
 
-    Large and small reversals are mixed, so that motion fronts of every depth enter the
-    conduit and meet older ones. Phase: fraction of the episode.
+    Large and small reversals are mixed, so that the slip that each starts reaches
+    different depths of the conduit. Phase: fraction of the episode.
     """
 
     amplitude: float = 0.6
@@ -363,7 +366,10 @@ class Reversals(Scripted):
 def _join_moves(
     time: Array, duration: float, moves: list[tuple[float, float, float]]
 ) -> Motion:
-    """Join moves of start, span and target; each ends before the next starts."""
+    """Return the motion of moves (start [s], duration [s], target [rad]), from angle 0.
+
+    Each move must end before the next starts.
+    """
     starts, spans, targets = np.array(moves).T
     index = np.searchsorted(starts, time, side="right") - 1
     ends = np.append(0.0, targets)[index], targets[index]
@@ -374,7 +380,10 @@ def _join_moves(
 def _moves(
     time: Array, start: Array, span: Any, ends: tuple[Array, Array], phase: Array
 ) -> Motion:
-    """Move from one end to the other at each time, from `start` in the time `span`."""
+    """Return minimum-jerk moves between `ends` (two angles at each time [rad]).
+
+    Each begins at `start` and lasts `span` [s].
+    """
     extent = ends[1] - ends[0]
     step = minimum_jerk((time - start) / span)
     velocity, bent = extent * step.rate / span, extent * step.curvature / span**2
@@ -383,13 +392,12 @@ def _moves(
 
 @dataclass(frozen=True)
 class Walk(Scripted):
-    """Level walking: the ankle, and as companions all three joints of the leg.
+    """Level walking: motion of the ankle; its companions are all joints of the leg.
 
-    The cadence grows from standstill at heel strike to its full value in the time
-    `start`, as a minimum-jerk step, so that the motion begins at rest. Phase: the gait
-    cycle. Angles as in `gait`; all joints scale with the amplitude of the ankle. At
-    another speed than the measured one joints move further or less and the foot leaves
-    the ground earlier or later, see `Pace`; `Walk.at` has its stride time, too.
+    The cadence grows from 0 at heel strike to its full value in the time `start`, as a
+    minimum-jerk step. Phase: the gait cycle. Angles are those of `_gait`, and the
+    amplitude of the ankle scales them all. The `speed` changes ranges of motion and the
+    phase of toe-off, see `Pace`, but not `period`; `Walk.at` sets both.
     """
 
     amplitude: float = 0.252  # peak of the ankle in a cycle, rounded up
@@ -404,11 +412,10 @@ class Walk(Scripted):
 
     @classmethod
     def at(cls, speed: float | None, body: Body = SCENE_WEARER) -> Walk:
-        """Return the walk at a speed [m/s], with the stride time that goes with it.
+        """Return the walk at a speed [m/s], with its stride time.
 
-        For the speed see `Body.pace`. If the size of the body is not that of the wearer
-        of the scenes, the `speed` of the walk is that at which the latter walks
-        similarly.
+        `speed` is that of `body`, see `Body.pace`. The field `speed` of the walk is
+        that at which the wearer of the scenes walks similarly.
 
         Raises:
             CableError: If no data cover walking at that speed.
@@ -422,7 +429,7 @@ class Walk(Scripted):
         `joints` are their ranges [rad] by name, that of the driven joint first.
 
         Raises:
-            CableError: If the driven joint is none that walks.
+            CableError: If a gait does not move the driven joint.
         """
         driven = next(iter(joints))
         found = gait_joints(joints)
@@ -436,7 +443,7 @@ class Walk(Scripted):
         return self if same else replace(self, joints=found)
 
     def describe(self) -> str:
-        """Return a sentence that says which joints of the device walk."""
+        """Return a sentence that lists the joints of the device that walk, and how."""
         each = []
         for joint in self.joints:
             words = f"as {joint.part}"
@@ -448,7 +455,7 @@ class Walk(Scripted):
 
     @property
     def pace(self) -> Pace:
-        """Ratios that change with the speed."""
+        """Ratios to the measured walk at this `speed`."""
         return Pace(self.speed)
 
     def __post_init__(self) -> None:
@@ -496,7 +503,10 @@ class Walk(Scripted):
 
 
 class _Leg(NamedTuple):
-    """Progress of a leg (n + 1,): phase, that of the measured walk, its derivatives."""
+    """Progress of one leg at each time (n + 1,).
+
+    It has its phase, the phase of the measured walk, and two time derivatives of that.
+    """
 
     phase: Array
     measured: Array

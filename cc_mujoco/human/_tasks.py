@@ -1,4 +1,4 @@
-"""Tasks: virtual environments that a device should render, by name.
+"""Tasks by name: virtual environments that a device should render.
 
     >>> from cc_mujoco.human import TASKS
     >>> TASKS["tunnel"].torque(angle=0.25, velocity=0.0, phase=0.0)
@@ -25,7 +25,7 @@ from cc_mujoco.human._pace import Pace, Real
 
 
 class Task(ABC):
-    """A virtual environment; subclasses are frozen dataclasses of its parameters."""
+    """Virtual environment; subclasses are frozen dataclasses of its parameters."""
 
     of_phase: ClassVar[bool] = False
     """True if its torque follows from `phase` alone; a subclass may assign it."""
@@ -43,7 +43,7 @@ class Task(ABC):
 
     @property
     def follows_gait(self) -> bool:
-        """True if the torque at rest at angle 0 changes with the phase of a gait."""
+        """True if the torque at rest at angle 0 depends on the phase of a gait."""
         phases = np.linspace(0.0, 1.0, 101)
         still = np.zeros_like(phases)
         return not self.of_time and bool(
@@ -54,10 +54,10 @@ class Task(ABC):
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque that the device should put into the joint [N m].
 
-        It is of the shape of the arguments, or one for all: angle of the joint [rad],
-        of a task `about_reference` beyond that, its velocity [rad/s], and the fraction
-        of the gait cycle or of the trajectory's period [-], of a task `of_time` the
-        time [s].
+        `angle` is that of the joint, minus the reference if the task is
+        `about_reference` [rad], `velocity` that of the joint [rad/s]. `phase` is the
+        fraction of the gait cycle or of the trajectory's period [-], or the time if the
+        task is `of_time` [s]. The result has their shape, or is one number for all.
         """
 
 
@@ -67,11 +67,11 @@ def task_torque(
     velocity: NDArray[np.float64],
     phase: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the torque of a task [N m], checked and of the shape of the angle.
+    """Return the torque of a task [N m], checked, in the shape of `angle`.
 
     Raises:
-        CableError: The task gave no numbers, another shape, or no finite number at a
-            finite angle and velocity.
+        CableError: The task returns no numbers, another shape, or a number that is
+            not finite at a finite angle and velocity.
     """
     name = getattr(task, "name", type(task).__name__)
     given = np.asarray(task.torque(angle, velocity, phase))
@@ -93,9 +93,9 @@ def task_torque(
 
 
 def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
-    """Return the largest torque that a task demands, either way [N m].
+    """Return the largest absolute torque that a task demands [N m].
 
-    The joint moves about `centre` by at most `reach` [rad], and at `speed` [rad/s].
+    The joint moves up to `reach` [rad] from `centre` [rad], at up to `speed` [rad/s].
     """
     if task.about_reference:
         centre = reach = 0.0
@@ -111,8 +111,8 @@ def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
 class Tunnel(Task):
     """A free band with a soft wall on each side, thesis equation 2.29.
 
-    0 inside the band; outside, the stiffness times the depth in the wall, towards the
-    band, and never more than the limit, which by default is reached at 0.45 rad.
+    The torque is 0 inside the band. Outside, it is stiffness times depth in the wall,
+    towards the band, up to the limit, which by default is reached at 0.45 rad.
     """
 
     half_width: float = bounded(0.05, 0.0, 10.0, "rad")
@@ -139,7 +139,7 @@ class Spring(Task):
 
 @dataclass(frozen=True)
 class Transparent(Task):
-    """Nothing: the device should not be felt."""
+    """No torque: the device should follow the wearer without resistance."""
 
     of_phase = True
 
@@ -150,10 +150,10 @@ class Transparent(Task):
 
 @dataclass(frozen=True)
 class Assist(Task):
-    """Help of the ankle's push-off, following the gait cycle.
+    """Assistance of the ankle's push-off over the gait cycle.
 
     torque = -peak assistance(phase): plantarflexion, negative because the ankle counts
-    dorsiflexion positive. The shape is `assistance`.
+    dorsiflexion positive. The shape is `assistance` of `_gait`.
     """
 
     of_phase = True
@@ -166,11 +166,11 @@ class Assist(Task):
 
 @dataclass(frozen=True)
 class Swing(Task):
-    """Help of the hip's swing, following the gait cycle.
+    """Assistance of the hip's swing over the gait cycle.
 
-    torque = peak (1 - x^2)^3 with x the phase less that of the peak over half the width
-    of the pulse, and 0 outside: flexion. It begins in late stance, as the biological
-    moment does, and ends as the leg swings; peak and timing are assumed.
+    torque = peak (1 - x^2)^3, flexion, and 0 outside |x| < 1, where x is the phase from
+    the peak over half the width of the pulse. It begins in late stance, as the
+    biological moment does, and ends as the leg swings; peak and timing are assumed.
     """
 
     of_phase = True
@@ -201,7 +201,7 @@ class Hold(Task):
 
 @dataclass(frozen=True)
 class Impedance(Task):
-    """A spring and a damper about the angle of the motion that is played.
+    """A spring and a damper about the angle of the played trajectory.
 
     torque = -stiffness (angle - reference) - damping velocity, an impedance as in N.
     Hogan, "Impedance control: an approach to manipulation", J. Dynamic Systems,
@@ -220,7 +220,7 @@ class Impedance(Task):
 
 @dataclass(frozen=True)
 class Position(Task):
-    """The angle of the motion that is played, whatever torque it takes."""
+    """Angle of the played trajectory, to be tracked at any torque."""
 
     commands_angle = True
 
@@ -256,7 +256,7 @@ def spring_torque(angle: Real, stiffness: float) -> Real:
 
 
 def clamp(value: Real, low: float, high: float) -> Real:
-    """Limit to [low, high]; NumPy's own clip is slow on scalars."""
+    """Limit a number or array to [low, high]; faster on scalars than `np.clip`."""
     if isinstance(value, np.ndarray):
         return np.clip(value, low, high)
     return min(max(value, low), high)
@@ -264,10 +264,10 @@ def clamp(value: Real, low: float, high: float) -> Real:
 
 @dataclass(frozen=True)
 class Paced(Task):
-    """A task that follows the measured walk, at the speed of another.
+    """Task of the measured walk, `base`, for a walk at another speed.
 
-    torque = share base(angle, velocity, w(phase)), w of `Pace.phase`: help stays where
-    it is between heel strike, toe-off and the next heel strike.
+    torque = share base(angle, velocity, w(phase)), with w of `Pace.phase`: the torque
+    keeps its place relative to heel strike and toe-off.
     """
 
     of_phase = True
@@ -285,10 +285,10 @@ class Paced(Task):
 def scale_task(task: Task, pace: Pace, size: float = 1.0) -> Task:
     """Return a task scaled to another wearer or walking speed.
 
-    `task` is of the scenes' wearer at the measured speed, `size` the moments over those
-    of that wearer [-], see `Body.moment`. `Assist` and `Swing` keep to the stride and
-    go with the moment of their joint; tasks that do not follow the gait, and profiles,
-    stay what they are.
+    `task` is for the scenes' wearer at the measured speed; `size` is the ratio of
+    moments of the two wearers [-], see `Body.moment`. `Assist` and `Swing` scale with
+    the moment of their joint and follow the stride; profiles and other tasks stay
+    unchanged.
     """
     if pace == Pace() and size == 1.0:
         return task

@@ -1,4 +1,4 @@
-"""The legs of the walking scene in MuJoCo: senses, muscles and starting pose."""
+"""Legs of the walking scene in MuJoCo: sensed states, muscles and starting pose."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SCENE, POLICY, LEGS = (
 
 
 class WalkingBody:
-    """Addresses of joints and muscles (legs, joints) in a compiled model."""
+    """Indices of joints and muscles (legs, joints) in a compiled model."""
 
     MAX_PITCH = 0.7  # pitch of a trunk that falls [rad]
     MAX_DROP = 0.25  # change of the hips' height of a person who falls [m]
@@ -68,7 +68,7 @@ class WalkingBody:
         model.actuator_biasprm[self.muscles, 2] = -policy.damping
 
     def start(self, data: mujoco.MjData, policy: WalkingPolicy, step: float) -> None:
-        """Put the person into the pose and at the speed of a part of a right step."""
+        """Set the person's pose and velocity at a fraction `step` of a right step."""
         model = data.model
         mujoco.mj_resetData(model, data)
         phase = np.array([0.5 * step, 0.5 + 0.5 * step])
@@ -97,12 +97,11 @@ class WalkingBody:
 
 
 def metabolic_energy(positive: Any, negative: Any) -> Any:
-    """Return the energy that work takes [J], or power for power [W], elementwise.
+    """Return the metabolic energy of muscle work [J], or power [W], elementwise.
 
-    `negative` is at most 0. Positive work over 0.25 and negative work over 1.2,
-    efficiencies of muscles by R. Margaria, "Positive and negative work performances and
-    their efficiencies in human locomotion", Int. Z. angew. Physiol. 25, 1968. Work that
-    muscles of one joint do against each other, and the cost of holding a force, are not
-    in it.
+    It is positive / 0.25 - negative / 1.2, with the efficiencies of R. Margaria,
+    "Positive and negative work performances and their efficiencies in human
+    locomotion", Int. Z. angew. Physiol. 25, 1968; `negative` is at most 0. It leaves
+    out antagonists that work against each other, and the cost of holding a force.
     """
     return positive / 0.25 - negative / 1.2

@@ -8,13 +8,13 @@ Legs are right and left, joints hip, knee and ankle. The muscles of a joint act 
 
     torque = K (angle_d - angle) + D (rate_d - rate) + torque_d
 
-with the angle, rate and feed-forward torque of the phase of the gait, series whose
-first values are a measured walk. Feedback keeps the balance: the loaded hip holds the
-trunk, the swinging hip places the foot by speed and position of the body, and the
-trailing ankle pushes harder below the desired speed. Steps end when the swinging foot
-strikes the ground, not by the clock. Balance by torque of the stance hip and placement
-of the foot is that of K. Yin, K. Loken, M. van de Panne, "SIMBICON: simple biped
-locomotion control", ACM Transactions on Graphics 26, 2007.
+where angle_d, rate_d and the feed-forward torque_d are Fourier series in the phase of
+the gait, which start from a measured walk. Feedback keeps the balance: the stance hip
+holds the trunk, the swing hip places the foot by speed and position of the body, and
+the trailing ankle pushes more below the desired speed. A step ends when the swing foot
+strikes the ground, not at a given time. Balance by stance hip and foot placement
+is that of K. Yin, K. Loken, M. van de Panne, "SIMBICON: simple biped locomotion
+control", ACM Transactions on Graphics 26, 2007.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MUSCLE_PERIOD = 0.004  # time between two commands to the muscles [s]
 
 @dataclass(frozen=True, eq=False)
 class WalkingPolicy:
-    """Numbers of a walking policy, those of joints in the order of `WALKING_JOINTS`."""
+    """Parameters of a walking policy; joints are in the order of `WALKING_JOINTS`."""
 
     stiffness: Array
     """K of the joints (3,) [N m/rad]."""
@@ -68,7 +68,7 @@ class WalkingPolicy:
 
     @classmethod
     def read(cls, path: str | Path) -> WalkingPolicy:
-        """Read a policy from a file of safetensors.
+        """Read a policy from a safetensors file.
 
         Raises:
             CableError: The file cannot be read or is no walking policy.
@@ -86,13 +86,13 @@ class WalkingPolicy:
         return cls(**numbers)
 
     def write(self, path: str | Path) -> None:
-        """Write the policy to a file of safetensors."""
+        """Write the policy to a safetensors file."""
         tensors = {field.name: getattr(self, field.name) for field in fields(self)}
         with replacing(Path(path)) as file:
             file.write_bytes(safetensors.to_bytes(tensors, {"kind": "walking policy"}))
 
     def desired(self, phase: Array) -> tuple[Array, Array, Array]:
-        """Return angles [rad], rates [rad/s] and torques [N m], each (phases, 3)."""
+        """Return angles [rad], rates [rad/s], torques [N m] by phase (phases, 3)."""
         angles = [Harmonics(tuple(map(tuple, series))) for series in self.angles]
         torques = [Harmonics(tuple(map(tuple, series))) for series in self.torques]
         rates = [angle.derivative()(phase) / self.stride_time for angle in angles]
@@ -101,14 +101,17 @@ class WalkingPolicy:
         return angle, rate, torque
 
     def table(self) -> Array:
-        """Return control of hip, knee and ankle and the push of the ankle (rows, 4)."""
+        """Return control of hip, knee, ankle, and push-off of the ankle (rows, 4).
+
+        Rows are 512 equally spaced phases of the gait cycle, entries torques [N m].
+        """
         angle, rate, torque = self.desired(np.arange(512) / 512)
         control = self.stiffness * angle + self.damping * rate + torque
         return np.column_stack((control, torque[:, 2]))
 
 
 class Senses(NamedTuple):
-    """Feelings of the person: arrays of NumPy or PyTorch."""
+    """States of the person that the policy receives: NumPy or PyTorch arrays."""
 
     angles: Any  # angles of the joints (worlds, legs, joints) [rad]
     pitch: Any  # pitch of the trunk (worlds,), positive forwards [rad]
@@ -118,10 +121,10 @@ class Senses(NamedTuple):
 
 
 class WalkingController:
-    """Walking policies at work in worlds side by side.
+    """Walking policies of people in several worlds.
 
     Attributes:
-        step: part of the present step that is over (worlds,) [-].
+        step: fraction of the present step that has passed (worlds,) [-].
         lead: leg whose foot struck last (worlds,), 0 for the right one.
         struck: True for worlds in which a foot struck in the last `act` (worlds,).
     """
@@ -135,8 +138,8 @@ class WalkingController:
     ) -> None:
         """Tabulate the policies, one for all worlds or one for each.
 
-        `arrays` is the module of the arrays, `numpy` or `torch`, `placement` of all of
-        them `dtype` and, with PyTorch, `device`.
+        `arrays` is the array module, `numpy` or `torch`; `placement` is the `dtype`
+        and, with PyTorch, the `device` of all arrays.
         """
         each = [policies] if isinstance(policies, WalkingPolicy) else list(policies)
         own = arrays.arange(worlds) if len(each) > 1 else arrays.zeros(worlds)
@@ -168,7 +171,7 @@ class WalkingController:
 
     @property
     def ended(self) -> Any:
-        """Legs whose stride ended in the last `act` (worlds, legs)."""
+        """True for legs whose stride ended in the last `act` (worlds, legs)."""
         return self.struck[:, None] & (self._leads() > 0.5)
 
     def _leads(self) -> Any:
@@ -178,8 +181,8 @@ class WalkingController:
     def act(self, senses: Senses, period: float) -> Any:
         """Return the control of the muscles (worlds, legs, joints) [N m].
 
-        Muscles give the control less K angle + D rate. `senses` are those of the
-        present, `period` is the time since the last call [s].
+        The torque of a muscle is its control minus K angle + D rate. `senses` are the
+        present states, `period` is the time since the last call [s].
         """
         arrays, policy = self._arrays, self._policy
         swinging = 1.0 - self._leads()
@@ -214,14 +217,14 @@ class WalkingController:
 
 
 class ExpectedHelp:
-    """Torques that persons expect of an exoskeleton, by phase of the gait cycle.
+    """Torques that people expect of an exoskeleton, by phase of the gait cycle.
 
-    With every strike of a foot the expectation of its leg moves by 0.3 of the
-    difference (assumed) to the mean torque felt in each of 50 parts of the stride.
+    With each strike of a foot the expectation of its leg moves by 0.3 of the way
+    (assumed) to the mean torque observed in each of 50 parts of the stride.
     """
 
     def __init__(self, worlds: int, arrays: Any = np, **placement: Any) -> None:
-        """Expect nothing; see `WalkingController` for the arguments."""
+        """Start with no expected torque; see `WalkingController` for the arguments."""
         place = {key: placement[key] for key in placement if key == "device"}
         self._arrays = arrays
         self._world = arrays.arange(worlds, **place)[:, None]
@@ -236,17 +239,17 @@ class ExpectedHelp:
         return self._world, self._leg, part
 
     def at(self, phase: Any) -> Any:
-        """Return the torques expected at phases (worlds, legs) [N m]."""
+        """Return the torques expected at phases, both (worlds, legs) [N m]."""
         return self._expected[self._bins(phase)]
 
     def observe(self, phase: Any, torque: Any) -> None:
-        """Take note of torques at phases, both (worlds, legs) [N m]."""
+        """Record torques at phases, both (worlds, legs) [N m], until `learn`."""
         bins = self._bins(phase)
         self._felt[bins] += torque
         self._count[bins] += 1.0
 
     def learn(self, ended: Any) -> None:
-        """Learn from completed strides; `ended` (worlds, legs) marks their legs."""
+        """Update expectations of the legs whose stride `ended` (worlds, legs)."""
         arrays = self._arrays
         mean = self._felt / arrays.clip(self._count, 1.0, None)
         news = (self._count > 0.0) & ended[:, :, None]
@@ -256,6 +259,6 @@ class ExpectedHelp:
         self._felt, self._count = self._felt * going, self._count * going
 
     def forget(self, worlds: Any) -> None:
-        """Reset the learned assistance of these worlds, an index or mask, to zero."""
+        """Reset the learned torques of `worlds`, an index or a mask, to zero."""
         for table in (self._expected, self._felt, self._count):
             table[worlds] = 0.0

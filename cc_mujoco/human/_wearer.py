@@ -12,8 +12,8 @@ The wearer pulls the joint towards a reference motion with
     torque = K (reference - angle) + D (reference velocity - velocity)
 
 which a MuJoCo position actuator gives when its control is `command(reference, reference
-velocity)`. The command is to be written at every physics step: a command held for
-several steps is a staircase that a stiff wearer follows as one.
+velocity)`. Write the command at every physics step: held for several steps, it is
+a staircase, which a stiff wearer follows.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ActuatorGains(NamedTuple):
 
 @dataclass(frozen=True)
 class Wearer:
-    """A limb as a spring and a damper to a reference motion."""
+    """Limb as a spring and a damper towards a reference motion."""
 
     stiffness: float
     """K, above 0 [N m/rad]."""
@@ -88,9 +88,9 @@ class Wearer:
         return ActuatorGains(self.stiffness, (0.0, -self.stiffness, -self.damping))
 
     def command(self, angle: Real, velocity: Real) -> Real:
-        """Return the actuator's control for a reference, with velocity feed-forward.
+        """Return the control for a reference: angle + D / K velocity [rad].
 
-        It is angle + D / K velocity [rad], of the reference [rad, rad/s].
+        Angle [rad] and velocity [rad/s] are those of the reference.
         """
         return angle + self.damping / self.stiffness * velocity
 
@@ -103,8 +103,8 @@ class Wearer:
     ) -> Real:
         """Return the torque that the wearer puts into the joint [N m], elementwise.
 
-        It is K (reference - angle) + D (reference velocity - velocity), of angles [rad]
-        and velocities [rad/s] that the wearer wants and that the joint has.
+        It is K (reference angle - angle) + D (reference velocity - velocity), with
+        angles in rad and velocities in rad/s.
         """
         error, slip = reference_angle - angle, reference_velocity - velocity
         return self.stiffness * error + self.damping * slip

@@ -1,8 +1,8 @@
 """The front end: a function as a syntax tree that a writer only prints.
 
-A tree is checked against the subset of `cable/README.md`, folded and lowered: of the
-statements there are left an assignment to one target, or of a call to several names,
-`if`, `while`, `for` over a range, `return`, `break`, `continue` and a call.
+A tree is checked against the subset in `.github/CONTRIBUTING.md`, folded and lowered:
+of the statements there are left an assignment to one target, or of a call to several
+names, `if`, `while`, `for` over a range, `return`, `break`, `continue` and a call.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def refusal(function: Any, node: ast.AST | None, what: str) -> CableError:
     line = getattr(node, "lineno", code.co_firstlineno)
     return CableError(
         f"{code.co_filename}:{line}: {what} in {function.__name__} is outside the "
-        "subset of compiled functions; use what cable/README.md lists"
+        "subset of compiled functions; use what .github/CONTRIBUTING.md lists"
     )
 
 

@@ -40,7 +40,7 @@ class AttachedCables:
         tensions: `wp.array` (worlds, cables, 2), tension at the proximal and the distal
             end at the last evaluation [N].
         values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
-            of the table in `cable/README.md`; call `repack` after a change.
+            of `cable/parameters.csv`; call `repack` after a change.
         is_evaluated: whether steps or a graph of them have had the cables in them.
     """
 

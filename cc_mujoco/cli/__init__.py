@@ -6,11 +6,10 @@
     cc-mujoco export wrist --controller stiction --out runs/stiction
     cc-mujoco list
 
-Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a
-diagnosis writes its report on what is wrong all the same), 3 a rig was stopped because
-something was amiss, 130 interrupted, 143 terminated, 141 nobody reads what it prints.
-What an interrupted or failed run was writing is removed, but for what a rig measured;
-what an earlier run left stays.
+Exit codes: 0 done, 2 unusable input (one sentence on standard error; a diagnosis still
+writes a report on what is wrong), 3 a fault stopped a rig, 130 interrupted, 143
+terminated, 141 the reader of a pipe closed it. Files that an interrupted or failed run
+has not completed are removed, except measurements of a rig. Files of earlier runs stay.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ PROGRAM = "cc-mujoco"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command."""
+    """Run `arguments`, by default those of the process; return the exit code."""
     # Matrices here are small: threads of OpenBLAS wait for each other, which costs a
     # diagnosis a fourth of its processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -91,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _print_warning(
     message: Warning | str, category: type[Warning], *_: object, **__: object
 ) -> None:
-    """Print a warning as one sentence; see `warnings.showwarning`."""
+    """Print a warning as one sentence; a replacement of `warnings.showwarning`."""
     print(f"warning: {message}", file=sys.stderr)
 
 
@@ -112,7 +111,7 @@ def _require_current_folder() -> None:
 def _open_closed_streams() -> None:
     """Open streams that the caller closed (`cc-mujoco list >&-`) to the null device.
 
-    Python has None in its place, and a file opened next would get its number.
+    Python sets them to None, and the next file to be opened would get their number.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -120,17 +119,17 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """Keep Python from printing the rest of a broken output again at exit."""
+    """Redirect standard output to nothing, so that the flush at exit cannot fail."""
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 @contextlib.contextmanager
 def _handle_signals(interrupts: list[int]) -> Iterator[None]:
-    """Note signals that end the process and raise `KeyboardInterrupt` for them.
+    """Raise `KeyboardInterrupt` on signals that end the process; append them to a list.
 
-    So half-written files are removed. An ignored signal stays ignored; one that
-    arrived where exceptions end (in a callback from C, as of LLVM) arrives again.
+    Unfinished files are thus removed. An ignored signal stays ignored. One that arrives
+    in a callback from C, where Python drops exceptions, is raised again shortly after.
     """
     inside = False
 

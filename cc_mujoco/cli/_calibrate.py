@@ -1,4 +1,4 @@
-"""`cc-mujoco calibrate`: hysteresis parameters of position controllers from a trial."""
+"""`cc-mujoco calibrate`: fit the hysteresis parameters of position controllers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cc-mujoco device`: what is known of a device, and the file that says the rest."""
+"""`cc-mujoco device`: report on a device, and a description file to complete it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cc-mujoco list`: every name that the other commands take."""
+"""`cc-mujoco list`: names that other commands accept, such as devices and metrics."""
 
 from __future__ import annotations
 
@@ -109,7 +109,10 @@ def _groups() -> dict[str, Mapping[str, str]]:
 def _matching(
     groups: Mapping[str, Mapping[str, str]], word: str
 ) -> dict[str, Mapping[str, str]]:
-    """Return the entries with a part of their name, or else a word of their meaning."""
+    """Return the entries of each group whose name contains `word`.
+
+    If there are none, return those whose meaning has it as a word.
+    """
     part = re.escape(word)
     # A word, as `foo` is no foot; its plural is the same word.
     for looked_at, pattern in enumerate((part, rf"(?<!\w){part}(s|es)?(?!\w)")):

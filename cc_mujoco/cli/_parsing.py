@@ -1,4 +1,4 @@
-"""Parsing of a command line into the command that it means."""
+"""Parsing of the command line into a command with its options."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ GROUP = "cc_mujoco.commands"
 
 
 class CommandOptions(Protocol):
-    """A dataclass whose fields are the options of a command.
+    """Dataclass of a command; its fields are the options.
 
-    It may have `interrupted`, the state after an interruption, if that is not "nothing
-    was written".
+    An attribute `interrupted` may say what an interruption leaves behind, if that is
+    not "nothing was written".
     """
 
     def run(self) -> int | None:
@@ -31,7 +31,8 @@ class CommandOptions(Protocol):
 def commands() -> dict[str, EntryPoint]:
     """Return the commands of all installed packages by name.
 
-    An old `.egg-info` beside the sources does not hide those that are installed.
+    Packages are searched directly: an outdated `.egg-info` beside the sources would
+    hide the entry points of an installed package.
     """
     return {
         point.name: point
@@ -41,7 +42,11 @@ def commands() -> dict[str, EntryPoint]:
 
 
 def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
-    """Return the command that is meant; help that is requested ends Python."""
+    """Return the command with its options; exit after printing help.
+
+    Raises:
+        CableError: The arguments are none of a command.
+    """
     parsed: Any
     about: str | None = None
     if arguments and not arguments[0].startswith("-"):
@@ -75,13 +80,13 @@ def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
 
 
 def _find(name: str) -> EntryPoint:
-    """Return a command; ours is found without looking through every package."""
+    """Return the entry point of a command; this package's is found without a search."""
     ours = distribution("cc_mujoco").entry_points.select(group=GROUP, name=name)
     return next(iter(ours), None) or look_up("command", name, commands())
 
 
 def _require_full(arguments: Sequence[str]) -> None:
-    """Refuse empty words, an empty path being the current folder, and no UTF-8."""
+    """Refuse empty words (an empty path is the current folder) and invalid UTF-8."""
     for place, word in enumerate(arguments):
         require_utf8(word)
         option, equals, value = word.partition("=")
@@ -94,10 +99,10 @@ def _require_full(arguments: Sequence[str]) -> None:
 
 
 def _error_sentence(box: str) -> str:
-    """Make a clause of the box that tyro draws around an error, and perhaps a hint.
+    """Return tyro's message as a clause, without its box, with a hint if there is one.
 
-    The box has a title and paragraphs between rules. Where standard output can show
-    only ASCII, rules are of hyphens and one lies under the title.
+    The box has a title and paragraphs between rules. If standard output is ASCII only,
+    rules are of hyphens and there is one below the title.
     """
     bare = [line.strip("│") for line in box.splitlines() if line[:1] not in "╭╰"]
     lines = [line.strip() for line in bare]
@@ -127,7 +132,7 @@ def _error_sentence(box: str) -> str:
 
 
 def _require_own_options(arguments: Sequence[str]) -> None:
-    """Refuse a second value after an option that is given once for each of them."""
+    """Refuse a second value after a repeatable option, which takes one at a time."""
     repeated = ("--vary", "--across", "--subject-to")
     values, strays = arguments[1:], arguments[2:]
     for option, value, stray in zip(arguments, values, strays, strict=False):
@@ -136,7 +141,7 @@ def _require_own_options(arguments: Sequence[str]) -> None:
 
 
 def _described(lines: list[str]) -> list[str]:
-    """Put a comma between each name and its help, deeper indented lines of a box."""
+    """Join names in a box and their help, which is indented deeper, with commas."""
     depths = [len(line) - len(line.lstrip()) for line in lines]
     end = next((n for n, each in enumerate(depths) if each < depths[0]), len(lines))
     text = ""

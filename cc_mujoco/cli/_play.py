@@ -1,4 +1,4 @@
-"""`cc-mujoco play`: an episode, or a log of a real run, and what is made of it."""
+"""`cc-mujoco play`: play an episode, or show the log of a real run."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class Play:
         )
 
     def _warn(self, env: Any, names: Mapping[str, str]) -> None:
-        """Warn of what the task demands beyond the motor; say which joints walk."""
+        """Warn if the task needs more torque than the motor has; print notes."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
             print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
@@ -214,7 +214,7 @@ class Play:
 
 
 def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of a table of metrics, with a column for each of several axes."""
+    """Yield the lines of a table of metrics, one column for each axis."""
     from cc_mujoco.metrics._metric import value_text
 
     rows: dict[tuple[str, str], dict[str, float]] = {}

@@ -1,4 +1,4 @@
-"""`cc-mujoco tendons`: the turns of a model's tendons and what friction takes there."""
+"""`cc-mujoco tendons`: bends of a model's tendons, and the friction there."""
 
 from __future__ import annotations
 

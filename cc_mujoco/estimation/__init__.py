@@ -1,8 +1,8 @@
-"""Estimation of a cable's properties while it runs, or from a recording of it.
+"""Estimation of a cable's friction, tensions and other parameters.
 
-estimator = FrictionEstimator(cable, sensors, start=0.3)
-estimator.update(measured, cc_mujoco.read(model, data, "flexor").slip)   # in a step
-track = estimator.over(measured, directions)                    # of a recording
+estimator = FrictionEstimator(cable, sensors, start=0.3)        # while it runs,
+estimator.update(measured, cc_mujoco.read(model, data, "flexor").slip)   # step by step
+track = estimator.over(measured, directions)                    # or from a recording
 """
 
 import lazy_loader

@@ -9,9 +9,9 @@
     found = calibrate([trial], transmission, ("friction", "axial_stiffness"))
     print(found)            # values, intervals, undetermined combinations
 
-Trials are played through the transmission from rest, so each begins at rest in its
-pretension. Parameters are fitted as logarithms by least squares on the simulated
-outputs (`least_squares`), from several places.
+The transmission simulates each trial from rest at pretension, so a trial must start so.
+The logarithms of the parameters are fitted by least squares on the simulated outputs
+(`_least_squares`), from several start values.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _POOR_MISFIT = 3.0
 
 @dataclass(frozen=True)
 class Measurement:
-    """One recorded motion, from rest: quantities of `SIDE_QUANTITIES`, (samples,)."""
+    """A recorded motion, starting at rest: columns of `SIDE_QUANTITIES` (samples,)."""
 
     dt: float  # time between samples [s]
     inputs: Mapping[str, FloatArray]  # one of the motor and one of the joint
@@ -85,7 +85,7 @@ class Measurement:
                 )
 
     def residual(self, transmission: Transmission) -> dict[str, FloatArray]:
-        """Return measured minus simulated over noise (samples,) of every output."""
+        """Return (measured - simulated) / noise of every output (samples,), by name."""
         played = transmission.replay(self.dt, **self.inputs)
         return {
             name: (measured - getattr(played, name)) / self.noise[name]
@@ -95,7 +95,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a fit."""
+    """Result of a fit: estimates with intervals, correlation, misfit."""
 
     estimates: Mapping[str, Estimate]  # of every free parameter, by name
     transmission: Transmission  # with the estimated values
@@ -129,16 +129,16 @@ def calibrate(
     starts: int = 12,
     seed: int = 0,
 ) -> Calibration:
-    """Fit parameters to trials.
+    """Fit parameters of a transmission to recorded trials.
 
     Args:
         trials: recorded motions, each from rest.
-        transmission: pulleys and cables; its values are the first start. Cables share
-            the fitted values.
+        transmission: pulleys and cables; its values are the first start of the fit. All
+            cables share the fitted values.
         free: names of cable parameters (`PARAMETERS`), of `RADII`, or `WRAP_SCALE`.
-        starts: places tried, spread by a factor of 3 around the given values; the two
-            best and the given one are fitted.
-        seed: seed of the places.
+        starts: number of start values compared, spread by a factor of 3 around the
+            given ones; fits run from the two best and from the given ones.
+        seed: seed of the start values.
 
     Warns:
         CableWarning: the best fit leaves an error above 3 times the noise.
@@ -188,7 +188,7 @@ def calibrate(
 
 
 def _log_parameter(name: str, transmission: Transmission) -> Tuned:
-    """Return a free parameter of the fit, as a logarithm relative to its value."""
+    """Return a free parameter of the fit, with coordinate log(value / given value)."""
     wrap = Parameter(WRAP_SCALE, "1", "scale of all wrap angles", 1e-3, 1e3)
     known = {own.name: own for own in (*PARAMETERS, *PULLEYS[:2], wrap)}
     parameter = look_up("parameter", name, known)
@@ -214,7 +214,7 @@ class _Model:
     free: Sequence[Tuned]
 
     def changed(self, logs: FloatArray) -> Transmission:
-        """Return the transmission with its parameters multiplied by e^logs."""
+        """Return the transmission with free parameters multiplied by exp(`logs`)."""
         each = zip(self.free, logs.tolist(), strict=True)
         values = {parameter.name: parameter.value(place) for parameter, place in each}
         scale = values.pop(WRAP_SCALE, 1.0)
@@ -229,7 +229,7 @@ class _Model:
         return replace(self.transmission, cables=tuple(cables), **radii)
 
     def parts(self, logs: FloatArray) -> list[tuple[str, FloatArray]]:
-        """Return name and residual (samples,) of every output of every trial."""
+        """Return, for every output of every trial, its name and residual (samples,)."""
         changed = self.changed(logs)
         found: list[tuple[str, FloatArray]] = []
         for trial in self.trials:
@@ -237,7 +237,7 @@ class _Model:
         return found
 
     def residual(self, logs: FloatArray) -> FloatArray:
-        """Return the residuals of all outputs of all trials, over the noise."""
+        """Return the residuals of all outputs of all trials, joined (residuals,)."""
         return np.concatenate([error for _, error in self.parts(logs)])
 
     def jacobian(self, logs: FloatArray) -> FloatArray:
@@ -247,7 +247,7 @@ class _Model:
         return np.column_stack([column for (column,) in columns.values()])
 
     def report(self, logs: FloatArray) -> Calibration:
-        """Return all results of the fit at `logs`."""
+        """Return the result of a fit that ended at `logs` (free,)."""
         parts = self.parts(logs)
         spread = covariance(self.jacobian(logs), [error for _, error in parts])
         sigma = np.sqrt(np.diag(spread))
@@ -266,7 +266,10 @@ class _Model:
         )
 
     def sentence(self, shares: FloatArray) -> str:
-        """Return the sentence for a combination (free,) that is not determined."""
+        """Return a sentence that names an undetermined combination of parameters.
+
+        `shares` (free,) is a direction of unit length in their logarithms.
+        """
         sizes = np.abs(shares)
         powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
         parts = [

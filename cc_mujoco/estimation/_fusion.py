@@ -1,4 +1,4 @@
-r"""Many noisy tension sensors on one cable, one estimate of all its tensions (3.2.1).
+r"""Tensions at all nodes of a cable from several noisy tension sensors (3.2.1).
 
     sensors = Sensors.at(cable, positions=(0.2, 1.0, 1.8), deviation=(1.0, 0.5, 2.0))
     fusion = TensionFusion(cable, sensors)
@@ -8,21 +8,21 @@ r"""Many noisy tension sensors on one cable, one estimate of all its tensions (3
 
     over_time = fusion.over(measured, log["slip_flexor_direction"])   # of a recording
 
-Where neighbouring segments slip, the capstan law (2.10) ties the tensions of their
-nodes together: a reading :math:`y_j` says :math:`T_i = y_j\,T_i/T_j` of every node i
-that it is tied to, by a ratio that the directions alone decide. The noise is multiplied
-by that ratio too. So the plain mean of all that the sensors say is the unbiased
-estimate of least variance only where the noise of every sensor is in proportion to the
-tension at it; in general it is the mean weighted by inverse variance (Gauss-Markov).
+Where neighbouring segments slip, the capstan law (2.10) gives the ratio of the tensions
+at their nodes from the directions of slip alone. A reading :math:`y_j` is then also one
+of every such node i, :math:`T_i = y_j\,T_i/T_j`, with its noise multiplied by the same
+ratio. The unbiased estimate of least variance is the mean of these readings, weighted
+by inverse variance (Gauss-Markov). The plain mean equals it only if the noise of every
+sensor is proportional to the tension there.
 
-A node at rest keeps its tension. The thesis keeps the estimate as well, with the error
-of the last moment of motion; but then every further reading there is of the same
-tension, and averaging them makes the error fall for as long as the rest lasts. The
-tension of an end, though, may change while the segment next to it still rests; a
-reading that differs too much from the average starts it anew.
+A node at rest keeps its tension. The thesis then keeps the estimate, with the error of
+the last moment of motion. Here further readings are averaged, as all are of the same
+tension, so that the error falls with the duration of rest. The tension at an end may
+change while the segment next to it still rests; a reading that differs too much from
+the average resets it.
 
-Where the direction changes along the cable, it does so inside a segment. The factor of
-that segment is then neither of the two, which is an error of at most one segment's.
+Where the direction of slip changes, it does so inside a segment, whose ratio is then
+between the two. The error is at most the ratio of that one segment.
 """
 
 from __future__ import annotations
@@ -64,13 +64,12 @@ def tension_gains(
     *,
     through_rest: bool = False,
 ) -> FloatArray:
-    """Return the tension of every node per tension at the sensors (2.10).
+    """Return the ratio of every node's tension to that at each sensor (2.10).
 
-    The direction is the slip of every segment, -1, 0 or 1, (..., n); `nodes` are those
-    of the sensors (m,). The ratios (..., m, n + 1) are NaN where a segment at rest lies
-    between, for nothing ties the two tensions there. With `through_rest` such a segment
-    is taken for one in mass motion that happens not to move (3.2.2), across which the
-    tension is constant.
+    `direction` is the slip of every segment, -1, 0 or 1, (..., n); `nodes` are those of
+    the sensors (m,). Ratios (..., m, n + 1) are NaN if a segment at rest lies between,
+    because the two tensions are then independent. With `through_rest` tension is
+    constant along such a segment, as if it were in mass motion (3.2.2) at zero speed.
     """
     sign = np.sign(np.asarray(direction, dtype=float))
     level = _cumulative_sums(mesh.angle * sign)
@@ -87,20 +86,21 @@ def fuse(
     deviation: ArrayLike,
     weights: Weights = "variance",
 ) -> Fused:
-    """Fuse readings of one instant, or of many at once.
+    """Combine readings of one or many instants into the tension of every node.
 
-    Return tensions and their deviation, NaN at nodes that no sensor is tied to.
+    Return tensions and their standard deviation, NaN at nodes with a ratio to no
+    sensor.
 
     Args:
         reading: reading of every sensor (..., m) [N].
-        gain: gain of `tension_gains`, (..., m, n + 1).
+        gain: ratios from `tension_gains`, (..., m, n + 1).
         deviation: standard deviation of the sensors (m,) or (..., m) [N].
         weights: `"variance"` for the unbiased estimate of least variance, `"mean"` for
-            the thesis's.
+            the plain mean, as in the thesis.
 
     Raises:
-        CableError: numbers that are not finite, deviations that are not positive,
-            another number of them than of sensors, or an unknown choice.
+        CableError: numbers that are not finite, deviations that are not positive, a
+            number of deviations other than of sensors, or an unknown choice.
     """
     _require_choice("weights", weights, Weights)
     readings = numbers("reading", reading, high=MAX_FORCE, unit="N")
@@ -133,7 +133,7 @@ def _require_choice(label: str, given: str, choices: Any) -> None:
 
 
 class TensionFusion(NoisySensors):
-    """Estimate of all tensions of a cable whose directions of slip are known.
+    """Estimator of all tensions of a cable whose directions of slip are known.
 
     One object serves one cable or many: readings and directions may have leading axes,
     which `reset` declares. `tension` is that of every node (..., n + 1) [N].
@@ -149,9 +149,9 @@ class TensionFusion(NoisySensors):
     ) -> None:
         """Start from the pretension of a cable, whose friction must be Coulomb's alone.
 
-        For `weights` see `fuse`; the thesis has `"mean"`. `"average"` goes on averaging
-        readings of nodes at rest, `"hold"` keeps the estimate of the last moment of
-        motion, as the thesis does.
+        For `weights` see `fuse`. For nodes at rest, `at_rest="average"` averages
+        further readings; `"hold"` keeps the estimate of the last moment of motion, as
+        the thesis.
 
         Raises:
             CableError: no cable, no sensors, a sensor off the cable, or an unknown
@@ -175,14 +175,14 @@ class TensionFusion(NoisySensors):
         deviation: float = UNKNOWN_DEVIATION,
         shape: tuple[int, ...] = (),
     ) -> None:
-        """Reset the state, for readings to come with these leading axes.
+        """Reset the state, and set the leading axes of later readings to `shape`.
 
-        The nodes start with a tension, a number or (..., n + 1) [N], by default the
-        pretension, whose errors have a standard deviation [N] and are independent.
+        `tension` is that of the nodes, a number or (..., n + 1) [N], by default the
+        pretension. Their errors are independent, of standard deviation `deviation` [N].
 
         Raises:
-            CableError: a tension that is none of every node, a deviation that is
-                negative, or a shape that is none.
+            CableError: a tension of another shape or not finite, a negative deviation,
+                or an invalid shape.
         """
         count = self.mesh.segments + 1
         start = self.cable.pretension if tension is None else tension
@@ -207,11 +207,11 @@ class TensionFusion(NoisySensors):
     def update(self, reading: ArrayLike, direction: ArrayLike) -> FloatArray:
         """Return the tension of every node (..., n + 1) [N] at the next instant.
 
-        It is also kept as `tension`. The reading is of every sensor (..., m) [N], the
-        direction the slip of every segment, -1, 0 or 1, (..., n).
+        The attribute `tension` keeps it. `reading` is that of every sensor (..., m)
+        [N], `direction` the slip of every segment, -1, 0 or 1, (..., n).
 
         Raises:
-            CableError: shapes that fit neither the sensors nor the cable, a reading
+            CableError: shapes that match neither the sensors nor the cable, a reading
                 that is not finite, or another direction.
         """
         sizes, leading = (self._nodes.size, self.mesh.segments), self.tension.shape[:-1]
@@ -237,9 +237,10 @@ class TensionFusion(NoisySensors):
         return self.tension
 
     def over(self, reading: ArrayLike, direction: ArrayLike) -> Fused:
-        """Return arrays (samples, ..., n + 1) of a recording, from the present on.
+        """Return estimates (samples, ..., n + 1) over a recording.
 
-        Readings are (samples, ..., m) [N], directions (samples, ..., n).
+        They start from the present state. Readings are (samples, ..., m) [N],
+        directions (samples, ..., n).
 
         Raises:
             CableError: unequal numbers of samples, or as `update`.
@@ -252,9 +253,10 @@ class TensionFusion(NoisySensors):
         return Fused(whole[:, 0], whole[:, 1])
 
     def _average(self, reading: FloatArray, rests: NDArray[np.bool_]) -> None:
-        """Apply Kalman's update by the sensors of nodes at rest, one after another.
+        """Apply a Kalman update for each sensor whose node rests.
 
-        A surprising reading says that its node moved after all; it then starts anew.
+        If a reading differs by more than 4 standard deviations, the node has moved
+        after all, and its estimate is reset.
         """
         for sensor, node in enumerate(self._nodes):
             lack = reading[..., sensor] - self.tension[..., node]
@@ -273,7 +275,7 @@ class TensionFusion(NoisySensors):
 
 
 def _cumulative_sums(values: FloatArray) -> FloatArray:
-    """Return the sums over the segments before each node (..., n + 1)."""
+    """Return, for every node, the sum of segment values before it (..., n + 1)."""
     total = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
     np.cumsum(values, axis=-1, out=total[..., 1:])
     return total

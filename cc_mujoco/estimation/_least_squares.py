@@ -1,7 +1,7 @@
 r"""Least squares on simulations: fits, covariance, intervals, undetermined directions.
 
-Residuals are measured minus simulated, over their noise. Friction makes simulations
-piecewise smooth: where fronts of slip meet they jump, so that derivatives are
+Residuals are (measured - simulated) / noise. Friction makes them piecewise smooth in
+the parameters, with jumps where regions of slip meet. Derivatives are therefore
 differences over steps that are large enough to cross many pieces.
 
     friction = Parameter("friction", scale="log")
@@ -39,7 +39,10 @@ _Found = TypeVar("_Found")
 
 
 class Tuned(NamedTuple):
-    """A parameter of a fit and its coordinate there, the place."""
+    """Free parameter of a fit, and the scaled coordinate ("place") that is varied.
+
+    Its value is start exp(scale place) or, if not logarithmic, start + scale place.
+    """
 
     parameter: Parameter  # fitted as a logarithm where its scale is
     start: float  # value where the place is 0
@@ -58,7 +61,7 @@ class Tuned(NamedTuple):
 
     @property
     def factor(self) -> bool:
-        """Return whether the parameter is fitted as a logarithm."""
+        """True if the parameter is fitted as a logarithm."""
         return self.parameter.scale == "log"
 
     def value(self, x: float) -> float:
@@ -67,7 +70,7 @@ class Tuned(NamedTuple):
         return self.start + self.scale * x
 
     def place(self, value: float) -> float:
-        """Return the place of the fit of this value, within the bounds."""
+        """Return the coordinate of the parameter at `value`, cut to its bounds."""
         found = -math.inf
         if not self.factor:
             found = (value - self.start) / self.scale
@@ -85,13 +88,13 @@ class Estimate:
     ci95: tuple[float, float]
 
     def holds(self, value: float) -> bool:
-        """Return whether a value is in the interval, True without an interval."""
+        """Return whether `value` is in the interval; True if there is no interval."""
         low, high = self.ci95
         return math.isnan(low) or low <= value <= high
 
 
 class Fit(NamedTuple):
-    """End point of a fit."""
+    """End point of a fit: coordinates and cost."""
 
     x: FloatArray  # place of the parameters
     cost: float  # half the sum of squares there
@@ -106,16 +109,16 @@ def fit(
     tolerance: float = 1e-9,
     evaluations: int = 60,
 ) -> Fit:
-    """Fit least squares within bounds, from a start that is clamped to them.
+    """Fit by least squares within bounds, from a start that is clamped to them.
 
-    Damped Gauss-Newton steps on the normal equations (Levenberg 1944, Marquardt 1963):
-    a simulation costs more than all algebra, so none is made that promises less than
-    what ends the fit.
+    Damped Gauss-Newton steps on the normal equations (Levenberg 1944, Marquardt 1963).
+    As simulations cost more than algebra, no step is tried that promises too little to
+    continue. Coordinates are those of `Tuned`.
 
-    The priors of the `free` parameters are up to `residual` (residuals,), of which
-    `jacobian` is the derivative (residuals, parameters). A step has to take, or to
-    promise, the share `tolerance` of the cost for the fit to go on; the residual is
-    evaluated `evaluations` times at most.
+    `residual` maps them (parameters,) to residuals (residuals,), which must include the
+    priors of `free`; `jacobian` returns its derivative (residuals, parameters). The fit
+    ends when a step takes, or promises, less than the share `tolerance` of the cost, or
+    after `evaluations` of the residual.
     """
     low, high = np.array([p.low for p in free]), np.array([p.high for p in free])
     factors = np.array([p.scale if p.factor else 0.0 for p in free])
@@ -162,10 +165,10 @@ def bounded_step(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Step that takes most of a quadratic cost, within bounds (parameters,).
+    """Return the step (parameters,) that minimises a quadratic cost within bounds.
 
-    `square` is that of the Jacobian, `slope` that of the cost; `damping` is added to
-    the diagonal of `square`, relative to it. The bounds `low` and `high` include 0.
+    `square` is J^T J of the Jacobian J, `slope` the gradient of the cost. `damping`
+    times its diagonal is added to `square`. The range from `low` to `high` includes 0.
     """
     size = np.sqrt(np.diag(square))
     size[size == 0.0] = 1.0
@@ -191,11 +194,11 @@ def differences(
     steps: Mapping[int, float],
     here: Sequence[FloatArray] = (),
 ) -> dict[int, list[FloatArray]]:
-    """Return the derivatives of arrays, keyed by the index of the parameter.
+    """Return the derivatives of arrays by each parameter, keyed by its index.
 
-    `function` returns the arrays at a place (parameters,); it is called in threads.
-    `steps` are changes of parameters by index. With the arrays `here`, at the place,
-    differences are one-sided; else central.
+    `function` returns arrays at coordinates (parameters,), and runs in several threads.
+    `steps` has the change of each parameter, by index. Differences are central, or
+    one-sided if `here` has the arrays at `x`.
     """
 
     def column(index: int) -> list[FloatArray]:
@@ -215,9 +218,10 @@ def differences(
 def in_threads(
     function: Callable[[_Item], _Found], items: Sequence[_Item]
 ) -> list[_Found]:
-    """Apply a function to every item, in order; compiled code runs at once.
+    """Return `function` of every item, in order, from a pool of threads.
 
-    A function that calls this again does so within its thread.
+    Compiled code runs in parallel, as it releases Python's lock. A nested call stays in
+    its thread.
     """
     if len(items) < 2 or THREADS < 2 or getattr(_THREAD_STATE, "inside", False):
         return [function(item) for item in items]
@@ -225,10 +229,10 @@ def in_threads(
 
 
 def single_threaded_blas() -> AbstractContextManager[Any]:
-    """Return a context in which BLAS uses only the calling thread, process-wide.
+    """Return a context in which BLAS uses one thread in the whole process.
 
-    The products here are long and narrow: BLAS's own threads gain nothing by them, and
-    would wait, busily, for the cores that `in_threads` has.
+    The products here are long and narrow. BLAS's own threads would not speed them up,
+    and would occupy the cores of `in_threads` while they wait.
     """
     from threadpoolctl import threadpool_limits
 
@@ -248,13 +252,12 @@ def _thread_pool() -> ThreadPoolExecutor:
 def covariance(
     jacobian: FloatArray, residuals: Sequence[FloatArray] = ()
 ) -> FloatArray:
-    """Return the covariance of the parameters of a fit (parameters, parameters).
+    """Return the covariance of fitted parameters (parameters, parameters).
 
-    Directions without any effect get a variance that is large but finite. `jacobian`
-    (residuals, parameters) is over the noise. Where `residuals`, the same as one
-    sequence per sensor, are correlated in time, it is the sandwich with Bartlett
-    weights (Newey and West 1987). Without any they are taken as independent, of
-    variance 1.
+    `jacobian` (residuals, parameters) is that of residuals over their noise. Directions
+    without effect get a large finite variance. `residuals`, one array per sensor, are
+    allowed for as correlated in time: sandwich covariance with Bartlett weights (Newey
+    and West 1987). Without them residuals are taken as independent, of variance 1.
     """
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     values = np.maximum(values, 1e-12 * max(float(values[-1]), 1e-100))
@@ -276,7 +279,7 @@ def covariance(
 
 
 def _long_run_covariance(score: FloatArray, lags: int) -> FloatArray:
-    """Return the covariance of the sum of the rows, Bartlett weights up to `lags`."""
+    """Return the covariance of the sum of rows, with Bartlett weights up to `lags`."""
     total: FloatArray = score.T @ score
     for lag in range(1, lags + 1):
         cross = score[lag:].T @ score[:-lag]
@@ -285,14 +288,14 @@ def _long_run_covariance(score: FloatArray, lags: int) -> FloatArray:
 
 
 def _correlation_lags(residual: FloatArray) -> int:
-    """Return the correlation lags of residuals: twice the first zero crossing."""
+    """Return the lags over which a residual correlates: twice its zero crossing."""
     correlation = autocorrelation(residual - np.mean(residual))
     crossing = int(np.argmax(correlation <= 0.1 * max(correlation[0], 1e-300)))
     return min(2 * crossing, residual.size // 4)
 
 
 def autocorrelation(values: FloatArray) -> FloatArray:
-    """Return the autocorrelation sums of the samples, by lag (samples,)."""
+    """Return the sum of products of samples, for each lag between them (samples,)."""
     power = np.abs(np.fft.rfft(values, 1 << (2 * values.size).bit_length())) ** 2
     return np.asarray(np.fft.irfft(power)[: values.size], dtype=np.float64)
 
@@ -300,10 +303,10 @@ def autocorrelation(values: FloatArray) -> FloatArray:
 def estimate(
     parameter: Tuned, place: float, deviation: float, freedom: float = math.inf
 ) -> Estimate:
-    """Return the value and interval of a parameter.
+    """Return value and 95 % interval of a parameter.
 
-    The fit ended at `place`, of standard `deviation`, known with `freedom` degrees of
-    freedom; the interval is that of Student's t.
+    The fit ended at the coordinate `place`, with standard deviation `deviation` and
+    `freedom` degrees of freedom; the interval is that of Student's t.
     """
     from scipy.special import stdtrit
 
@@ -316,9 +319,9 @@ def estimate(
 
 
 def undetermined_directions(covariance: FloatArray, limit: float) -> FloatArray:
-    """Return the parameter combinations whose standard deviation reaches a limit.
+    """Return the parameter combinations whose standard deviation reaches `limit`.
 
-    Their shares (combinations, parameters) have unit length, the least certain first.
+    Rows (combinations, parameters) have unit length, the least certain comes first.
     """
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors.T[::-1][values[::-1] >= limit**2])

@@ -1,22 +1,22 @@
-r"""Recursive estimate of one parameter that forgets only where something new is learnt.
+r"""Recursive estimate of one parameter that forgets only as new information arrives.
 
     fit = RecursiveEstimate(start=0.2, spread=0.2, memory=500)
     fit.update(information, target)      # of one sample, see `update`
     fit.value, fit.deviation
 
-Plain exponential forgetting loses what it knew wherever the data are silent: the
-variance winds up and the next bit of noise moves the estimate. Here the information of
-the data, S in addition to that of the start :math:`R_0`, fades only with a sample that
-informs (after Cao and Schwartz, Automatica 36, 2000),
+Plain exponential forgetting loses information while the data have none: the variance
+winds up, and the next noise moves the estimate. Here the information S of the data, in
+addition to the :math:`R_0` of the start, fades only with a sample that has information
+(after Cao and Schwartz, Automatica 36, 2000),
 
-.. math:: S' = S - (1 - \lambda) S^2 / (R_0 + S),
+.. math:: S' = S - (1 - \lambda) S^2 / (R_0 + S).
 
-and the information of the start never fades, which bounds the gain. It does not pull
-the estimate to the start. Since a gain that forgets is not that of least variance, its
-inverse is not the variance of the estimate. That is carried along separately: exact for
-white noise of the stated size and a truth that is constant or drifts at a constant
-rate, of which the standard deviation is given. The estimate lags by what the truth
-drifts in `memory` samples.
+The information of the start never fades, which bounds the gain; it does not pull the
+estimate to the start. Since a gain with forgetting does not minimise the variance, its
+inverse is not the variance of the estimate. That is propagated separately. It is exact
+for white noise of the stated size and a true value that is constant or drifts at a
+constant rate of given standard deviation. The estimate lags by the drift over `memory`
+samples.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ def update_estimate(
     information: float,
     target: float,
 ) -> None:
-    """Take the equations of a sample of one parameter; see `RecursiveEstimate`.
+    """Update an estimate with the equations of one sample, which has noise 1.
 
-    `known` is moved on, see `ESTIMATE` (4,); `least` is the information of the start,
-    `fading` the share of the information of the data that a sample takes away, and
-    `rate` the variance of the rate of drift, per sample. The sample has noise 1.
+    `known` (4,) is changed, see `ESTIMATE`. `least` is the information of the start,
+    `fading` the share of the data's information that a sample takes away, and `rate`
+    the variance of the rate of drift, per sample.
     """
     learnt = known[INFORMATION]
     learnt += information - fading * learnt * learnt / (least + learnt)
@@ -61,19 +61,20 @@ def update_estimate(
 
 
 class RecursiveEstimate:
-    """A parameter of linear equations that arrive one after another."""
+    """Parameter that is estimated from linear equations, sample by sample."""
 
     def __init__(
         self, start: float, spread: float, memory: float, drift: float = 0.0
     ) -> None:
-        """Start from a guess of the standard deviation `spread`.
+        """Start from the guess `start` of standard deviation `spread`.
 
-        A sample that informs has faded to 1/e after `memory` more; `drift` is the
-        standard deviation of the rate of drift per such sample.
+        A sample's weight falls to 1/e after `memory` more that have information;
+        `drift` is the standard deviation of the true value's rate of change per such
+        sample.
 
         Raises:
-            CableError: A memory shorter than one sample, a spread that is none, or a
-                negative drift.
+            CableError: A memory shorter than one sample, a spread that is not positive,
+                or a negative drift.
         """
         if not memory >= 1.0:
             raise CableError(f"memory is {memory!r} samples; it must be at least 1")
@@ -95,7 +96,7 @@ class RecursiveEstimate:
 
     @property
     def value(self) -> FloatArray:
-        """The estimate (1,)."""
+        """Present estimate (1,)."""
         return self._known[:1].copy()
 
     @property
@@ -104,9 +105,9 @@ class RecursiveEstimate:
         return np.asarray(np.sqrt(np.maximum(self._known[VARIANCE:][:1], 0.0)))
 
     def update(self, information: FloatArray, target: FloatArray) -> None:
-        r"""Take the equation :math:`\Phi\theta = y` of a sample, noise of variance 1.
+        r"""Include the equations :math:`\Phi\theta = y` of a sample, of noise 1.
 
-        The information is :math:`\Phi^T \Phi` (1, 1), the target :math:`\Phi^T y` (1,).
+        `information` is :math:`\Phi^T \Phi` (1, 1), `target` :math:`\Phi^T y` (1,).
         """
         gained, wanted = information.item(), target.item()
         if gained > 0.0:

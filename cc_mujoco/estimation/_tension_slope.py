@@ -1,24 +1,24 @@
 r"""Slope of the logarithm of tension along the moving parts of a cable.
 
 Where neighbouring segments slip in one direction s, (2.6) says
-:math:`d \ln T / dx = s \mu / R`: the logarithm of tension is linear in whatever
-parameters :math:`\mu/R` is linear in. A reading :math:`y_j = T_j + v_j` gives
+:math:`d \ln T / dx = s \mu / R`: the logarithm of tension is linear in every parameter
+:math:`\theta` in which :math:`\mu/R` is. A reading :math:`y_j = T_j + v_j` gives
 
 .. math::
     \ln y_j + \tfrac12 (\sigma_j/T_j)^2 = c + s\,a_j^T \theta + v_j/T_j,
 
 with the design row :math:`a_j` of its sensor and one unknown level c for every moving
-part; the second term takes back, to second order, what the logarithm loses of noise on
-average. Equations are weighted by :math:`(T_j/\sigma_j)^2` and freed of c by taking out
-their weighted mean. The T in weights and correction is not the reading but the profile
-fitted to all readings with the present :math:`\theta`: else readings that happen to be
-high would count for more.
+part; the second term corrects, to second order, the bias of the logarithm by noise.
+Equations are weighted by :math:`(T_j/\sigma_j)^2`, and c is removed with their weighted
+mean. In weights and correction, T is not the reading but the profile that is fitted to
+all readings with the present :math:`\theta`: else readings that happen to be high would
+have more weight.
 
-Where the motion turns it does so inside a segment, which follows neither sign: the two
-segments next to a change of direction are left out. (In the first and the last segment
-directions do not show it. Friction then looks smaller, by some tenths of a percent in
-the wrist scene, which the deviation does not count.) A sensor whose tension is below
-four times its noise is left out too.
+A change of direction lies inside a segment, which has neither sign: the two segments
+next to it are left out. (In the first and the last segment directions do not show it.
+The estimated friction is then too small, by some tenths of a percent in the wrist
+scene, which the deviation does not include.) A sensor whose tension is below four times
+its noise is left out too.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, intern
 
 @compiled
 def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
-    """First and last node of the run that begins with segment `at`, and its end.
+    """Return first and last node of the run of equal slip at segment `at`, and its end.
 
-    The first is not before the last if all segments are at rest or next to a change of
-    direction.
+    The end is the index of the next run's first segment. The first node is not before
+    the last if no segment slips clear of a change of direction.
     """
     end = at + 1
     while end < sign.size and sign[end] == sign[at]:
@@ -64,7 +64,7 @@ def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
 
 
 class SlopeEquations(NamedTuple):
-    """Sensors along a cable, and the equations of their readings of one instant."""
+    """Sensors along a cable, and the equations of their readings at one instant."""
 
     design: FloatMatrix  # row of every sensor, see `SlopeEstimator` (m, p)
     nodes: IntArray  # (m,)
@@ -80,11 +80,12 @@ class SlopeEquations(NamedTuple):
 def run_equations(
     equations: SlopeEquations, value: FloatArray, reading: FloatArray, sign: FloatArray
 ) -> tuple[float, int]:
-    """Compute the information of the readings of one instant, free of the levels.
+    """Compute the information of the readings of one instant, with levels eliminated.
 
-    The parameters are known as `value` (p,); a reading is of every sensor (m,) [N].
-    Segments slip by `sign`, -1, 0 or 1, (n,). Return the sum of the squares of all
-    right sides, and how many are independent.
+    `value` (p,) are the present parameters, `reading` (m,) the tensions of the sensors
+    [N], `sign` (n,) the slip of the segments, -1, 0 or 1. The results are in
+    `equations.information` and `target`. Return the sum of squares of all right sides,
+    and the number of independent equations.
     """
     _, _, _, rows, right, _, information, target = equations
     information[:] = 0.0
@@ -114,7 +115,10 @@ def _part_equations(
     value: FloatArray,
     reading: FloatArray,
 ) -> int:
-    """Write rows and right sides of one moving part; return their number."""
+    """Write the equations of one moving part; return their number.
+
+    They go to `rows` and `right` of `equations`.
+    """
     design, nodes, noise, rows, right, clear, _, _ = equations
     count, most = 0, -np.inf
     for j in range(nodes.size):  # logarithm of the profile, for a start
@@ -162,9 +166,9 @@ def _part_equations(
 
 
 def require_slope(cable: Cable) -> None:
-    """Refuse a cable whose moving parts do not all have the slope s mu/R.
+    """Refuse a cable in whose moving parts d ln T / dx can differ from s mu/R.
 
-    A coefficient that changes with time, all along, may be followed.
+    Friction may change with time if it does so equally along the whole cable.
     """
     cable.require_terms(
         has_slope, "the slope of the logarithm of tension is not that of friction then"
@@ -172,7 +176,7 @@ def require_slope(cable: Cable) -> None:
 
 
 def require_bend_between(cable: Cable, sensors: Sensors) -> None:
-    """Refuse sensors between which friction does not show."""
+    """Refuse sensors with no bend between them, which cannot measure friction."""
     _require_two_sensors(sensors)
     if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
         raise CableError(
@@ -190,14 +194,14 @@ def _require_two_sensors(sensors: Sensors) -> None:
 
 
 def has_slope(term: Term) -> bool:
-    """Return whether the log of tension has the slope s mu/R with this term on."""
+    """Return whether d ln T / dx remains s mu/R with this friction term on."""
     if term.acts_on == "coefficient":
         return set(term.depends_on) <= {"time"}
     return term.acts_on != "drag"
 
 
 class SlopeEstimator(NoisySensors):
-    """Base of estimators of what the logarithm of tension is linear in."""
+    """Base of estimators of parameters in which the logarithm of tension is linear."""
 
     def __init__(
         self,
@@ -207,11 +211,11 @@ class SlopeEstimator(NoisySensors):
         fit: RecursiveEstimate,
         memory: float,
     ) -> None:
-        """Start from the guess of the fit.
+        """Start from the state of `fit`.
 
-        `design` is the change of the logarithm of tension, from the proximal end to
-        every node, per parameter in motion towards distal (n + 1, p), and `memory` that
-        of the misfit, in samples.
+        `design` (n + 1, p) is the derivative of ln T at every node, from the proximal
+        end, by each parameter when all slips towards distal. `memory` is that of the
+        misfit, in samples.
         """
         _require_two_sensors(sensors)
         require_slope(cable)
@@ -223,26 +227,26 @@ class SlopeEstimator(NoisySensors):
         self.reset()
 
     def _lay(self, design: FloatArray) -> None:
-        """Take another path: the design from now on (n + 1, p)."""
+        """Replace the design (n + 1, p), as for another path."""
         self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
 
     def reset(self) -> None:
-        """Return to the guess; the noise stays."""
+        """Restore the start values; the noise of the sensors stays as set."""
         self._fit.reset()
         self._squares, self._count = 0.0, 0.0
 
     @property
     def misfit(self) -> float:
-        """RMS residual over the stated noise: near 1 where law and noise are right.
+        """RMS residual over the stated noise, near 1 if both model and noise are right.
 
-        NaN before the first informative sample.
+        NaN before the first sample with information.
         """
         if self._count == 0.0:
             return float("nan")
         return float(np.sqrt(self._squares / self._count))
 
     def _take(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the readings of the next instant, see `FrictionEstimator.update`."""
+        """Include the readings of the next instant, see `FrictionEstimator.update`."""
         sensors, parameters = self._design.shape
         tensions, sign = checked_sample(reading, direction, sensors, self._segments)
         information, target = np.empty((parameters, parameters)), np.empty(parameters)
@@ -261,7 +265,7 @@ class SlopeEstimator(NoisySensors):
 
 
 class FrictionEstimator(SlopeEstimator):
-    """Kinetic friction coefficient mu_d, followed while the cable runs."""
+    """Estimator of the kinetic friction coefficient mu_d while the cable runs."""
 
     def __init__(
         self,
@@ -276,19 +280,19 @@ class FrictionEstimator(SlopeEstimator):
         """Start from a guess.
 
         Args:
-            cable: the cable; only its wrap angles count. No term may be on for which
-                the law does not hold, see `estimation._tension_slope.require_slope`.
-            sensors: two sensors or more.
+            cable: the cable; only its wrap angles are used. Friction terms that change
+                d ln T / dx = s mu/R must be off.
+            sensors: two tension sensors or more.
             start: the guess; default the cable's friction.
             spread: standard deviation of the guess.
-            memory: moving samples after which one has faded to 1/e. Noise goes down
-                with its root; a drift lags by this many samples.
+            memory: number of moving samples after which a sample's weight is 1/e. Noise
+                falls with its root; the estimate lags a drift by as many samples.
             drift: standard deviation of the rate of drift, per moving sample; it widens
                 `deviation` by the lag.
 
         Raises:
-            CableError: sensors or a cable that cannot tell, or a start, a spread or a
-                memory that is none.
+            CableError: sensors or a cable from which friction cannot be estimated, or
+                an invalid start, spread or memory.
         """
         require_kind("cable", cable, Cable)
         require_kind("sensors", sensors, Sensors)
@@ -301,16 +305,16 @@ class FrictionEstimator(SlopeEstimator):
 
     @property
     def friction(self) -> float:
-        """The estimate."""
+        """Present estimate of the friction coefficient [-]."""
         return float(self._fit.value[0])
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of its error, by noise and by lag behind the drift."""
+        """Standard deviation of its error [-], from noise and lag behind the drift."""
         return float(self._fit.deviation[0])
 
     def rebend(self, angles: ArrayLike) -> None:
-        """Take other wrap angles (n,) [rad] from now on: the path was measured anew.
+        """Use other wrap angles (n,) [rad] from now on, as of a path measured anew.
 
         Raises:
             CableError: another shape, or an angle that is negative or not finite.
@@ -324,20 +328,22 @@ class FrictionEstimator(SlopeEstimator):
 
     @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
-        """Return the estimate with the readings of the next instant.
+        """Return the friction estimated with the readings of the next instant.
 
-        The reading is of every sensor (m,) [N], the direction the slip of every
+        `reading` is that of every sensor (m,) [N], `direction` the slip of every
         segment, -1, 0 or 1, (n,).
 
         Raises:
-            CableError: shapes that fit neither the sensors nor the cable, a reading
+            CableError: shapes that match neither the sensors nor the cable, a reading
                 that is not finite, or another direction.
         """
         self._take(reading, direction)
         return self.friction
 
     def over(self, reading: ArrayLike, direction: ArrayLike) -> EstimateTrack:
-        """Run over a recording (samples, m) [N] and (samples, n), from the present on.
+        """Estimate friction over a recording, from the present state on.
+
+        Readings are (samples, m) [N], directions (samples, n).
 
         Raises:
             CableError: unequal numbers of samples, or as `update`.

@@ -1,4 +1,4 @@
-"""Samples of a cable that runs: checked one by one, and the rows of recordings."""
+"""Samples of sensors on a cable, checked one by one, and rows of recordings."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from cc_mujoco.native import FloatArray
 
 
 class EstimateTrack(NamedTuple):
-    """Estimates followed over a recording."""
+    """Estimates over a recording, one per sample."""
 
     value: FloatArray  # after every sample (samples,), of p parameters (samples, p)
     deviation: FloatArray  # standard deviation of their errors, in the same shape
 
 
 def wrap_angles(cable: Cable) -> FloatArray:
-    """Wrap angle from the proximal end to every node (n + 1,) [rad]."""
+    """Return the wrap angle from the proximal end to every node (n + 1,) [rad]."""
     angles = segment_angles(packed_parameters(cable), cable.segments)
     return np.concatenate([[0.0], np.cumsum(angles)])
 
@@ -37,7 +37,12 @@ def checked_sample(
     segments: int,
     leading: tuple[int, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings (*leading, m) and directions of slip (*leading, n) as arrays."""
+    """Return readings (*leading, m) and directions of slip (*leading, n), checked.
+
+    Raises:
+        CableError: Another shape, a reading that is not finite, or a direction other
+            than -1, 0 or 1.
+    """
     tensions = numbers("reading", reading, (*leading, sensors), MAX_FORCE, "N")
     sign = numbers("direction", direction, (*leading, segments))
     if not np.all((sign == 0.0) | (np.abs(sign) == 1.0)):
@@ -73,7 +78,7 @@ class NoisySensors:
 
 
 def rows(**columns: ArrayLike) -> Iterator[tuple[FloatArray, ...]]:
-    """Return an iterator over the samples of recorded columns."""
+    """Yield the samples of recorded columns as tuples, after a check of lengths."""
     arrays = {name: numbers(name, column) for name, column in columns.items()}
     for name, array in arrays.items():
         if array.ndim == 0:

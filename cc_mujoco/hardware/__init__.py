@@ -1,4 +1,4 @@
-"""A real rig, driven by the controllers of this package.
+"""Real rigs: their interfaces, and runs with the controllers of this package.
 
 cc-mujoco run --rig rig.toml --controller pi --out runs/first
 """

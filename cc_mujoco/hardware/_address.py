@@ -1,4 +1,4 @@
-"""Address of a rig, as `[rig]` gives it: UDP, CAN FD, or a motor drive."""
+"""Addresses of rigs in the table `[rig]`: UDP, CAN FD, or a motor drive."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF
 
 @dataclass(frozen=True)
 class UdpAddress:
-    """A port of a machine."""
+    """UDP port of a host."""
 
     host: str
     port: int
@@ -23,7 +23,7 @@ class UdpAddress:
 
 @dataclass(frozen=True)
 class CanPlace:
-    """A CAN bus."""
+    """CAN bus: a python-can interface and channel, with its options."""
 
     channel: str  # name of the channel at the interface, such as `can0`
     interface: str = "socketcan"  # interface of python-can
@@ -33,7 +33,7 @@ class CanPlace:
 
 @dataclass(frozen=True)
 class CanAddress(CanPlace):
-    """A place on a CAN FD bus."""
+    """Identifiers of a rig's commands and readings on a CAN FD bus."""
 
     command_id: int = 0x110
     """Identifier of frames with a command; of 29 bits if above 0x7ff."""
@@ -41,13 +41,13 @@ class CanAddress(CanPlace):
     """Identifier of frames with a reading; of two at once the lower wins."""
 
     def other_end(self) -> CanAddress:
-        """Return the rig's own address, which hears commands and sends readings."""
+        """Return the rig's own address: the two identifiers exchanged."""
         return replace(self, command_id=self.reading_id, reading_id=self.command_id)
 
 
 @dataclass(frozen=True)
 class DriveAddress:
-    """A motor drive that speaks its maker's protocol, beside sensors at the joint."""
+    """Motor drive with its maker's protocol, and a separate rig for joint sensors."""
 
     protocol: str  # one of `DRIVE_NODES`
     place: CanPlace | str  # the CAN bus, or the serial port
@@ -68,7 +68,7 @@ DRIVE_NODES = {"odrive": range(63), "moteus": range(1, 128), "dynamixel": range(
 
 
 def address_of(table: Table) -> Address | None:
-    """Return the address in a table, or None if it has none but names a class."""
+    """Return the address in a table; None if it names a user's class instead."""
     if (address := table.text("address")) is None:
         return None
     protocol, colon, place = address.partition(":")

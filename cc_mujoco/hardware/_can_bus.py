@@ -3,7 +3,8 @@
     CanPort(CanPlace("can0"), [0x111], fd=True)     # SocketCAN
     CanPort(CanPlace("PCAN_USBBUS1", "pcan", {"f_clock_mhz": 80}), [0x111], fd=True)
 
-An interface may open a bus only once, and a frame is read once for all rigs on it.
+Some interfaces can open a bus only once, so all rigs share the open one; a frame that
+is read goes to the port of its identifier.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ NETWORK_FOLDER = Path("/sys/class/net")
 
 @dataclass
 class _SharedBus:
-    """An open bus with the frames that came for each of its ports."""
+    """Open bus, with the received frames of each of its ports."""
 
     bus: can.BusABC
     fd: bool  # true if it was opened as one of CAN FD
@@ -45,7 +46,7 @@ CanBuses = dict[tuple[str, str], _SharedBus]
 
 
 class CanPort:
-    """Sender and receiver of frames on a bus; identifiers of others are left alone."""
+    """Port that sends frames on a bus and receives those of its identifiers."""
 
     def __init__(
         self,
@@ -55,10 +56,10 @@ class CanPort:
         fd: bool,
         buses: CanBuses | None = None,
     ) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
+        """Open the bus unless it is among `buses`, to which it is added; send nothing.
 
-        Frames of `identifiers` are received; with `fd` frames are those of CAN FD, else
-        of classical CAN. `buses` are those that are open, to which this one is added.
+        Frames of `identifiers` are received. They are those of CAN FD if `fd`, else of
+        classical CAN.
         """
         self.ignored: Counter[str] = Counter()
         self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
@@ -111,7 +112,7 @@ class CanPort:
         return None
 
     def send(self, identifier: int, data: bytes) -> None:
-        """Send a frame; its identifier has 29 bits if it is above 0x7ff."""
+        """Send a frame; an identifier above 0x7ff is extended to 29 bits."""
         frame = self._can.Message(
             arbitration_id=identifier,
             is_extended_id=identifier > MAX_SHORT_ID,
@@ -178,7 +179,7 @@ class CanPort:
 
 
 def _python_can() -> ModuleType:
-    """Return the library `can` with its log silenced; errors report faults."""
+    """Return the module `can` with its log silenced; faults are reported as errors."""
     try:
         import can
     except ImportError:
@@ -191,9 +192,9 @@ def _python_can() -> ModuleType:
 
 
 def _require_known(place: CanPlace, where: str) -> None:
-    """Refuse words for an interface that occur nowhere in its code.
+    """Refuse options of an interface that do not occur as words in its source code.
 
-    Interfaces take any word and pass over those that they do not know.
+    Interfaces accept any option, and ignore those that they do not know.
     """
     words = _source_words(place.interface) if place.bus else set()
     for key in place.bus:
@@ -204,7 +205,7 @@ def _require_known(place: CanPlace, where: str) -> None:
 
 
 def _source_words(interface: str) -> set[str]:
-    """Return all words in the code of an interface of python-can, if it has code."""
+    """Return all words in the source code of a python-can interface, if it has any."""
     from can import bit_timing, bus
     from can.interfaces import BACKENDS
 
@@ -235,10 +236,10 @@ def _error_text(error: Exception) -> str:
 
 
 class CanLink:
-    """A packet in a CAN FD frame; frames with other identifiers are left alone."""
+    """Link that carries one packet per CAN FD frame of its identifier."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is one of the open `buses`, as `CanPort` does."""
+        """Open the bus unless it is among the open `buses`, as `CanPort` does."""
         self._address = address
         self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
         self.ignored, self.where = self._port.ignored, self._port.where
@@ -253,13 +254,13 @@ class CanLink:
         self._port.send(self._address.command_id, data)
 
     def close(self) -> None:
-        """See `Link`; the last one closes the bus."""
+        """Close the port; the last port of a bus closes the bus."""
         self._port.close()
 
 
 class CanRig(PacketRig):
-    """A rig on a CAN FD bus."""
+    """Rig that exchanges packets on a CAN FD bus."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, as `CanLink`."""
+        """Open the bus unless it is among the open `buses`, as `CanPort` does."""
         super().__init__(CanLink(address, buses))

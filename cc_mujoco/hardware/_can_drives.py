@@ -6,7 +6,7 @@ A frame to `0x8000 | id` writes mode and command and requests position, velocity
 torque, mode and fault; the reply is from `id << 8`. Torque control is position
 mode with all gains scaled to zero and a feed-forward torque. A command is valid for 50
 ms. Set `servo.max_current_A`, `servo.max_velocity` and `servo.timeout_mode = 0`, which
-takes the torque away then (12, the default, brakes).
+removes the torque after that time (12, the default, brakes).
 
 Sources: https://mjbots.github.io/moteus, pages "CAN Protocol" (protocol/can), "Register
 Reference" (protocol/registers) and "Control Modes" (guides/control-modes).
@@ -15,13 +15,13 @@ An ODrive on CAN, by its protocol CAN Simple: classical CAN, identifiers of 11 b
 
 The identifier is `node << 5 | command`; values are little endian, angles in turns. The
 first commands set torque control and clear errors. The motor is enabled once the drive
-was read. Before a run, the drive itself needs:
+was read. Before a run, set on the drive:
 
 - `config.can.encoder_msg_rate_ms` at most the period of the loop (10 ms by default),
 - `config.can.heartbeat_msg_rate_ms` of about 10 (100 by default): a heartbeat
   reports faults,
-- `config.enable_watchdog` with `watchdog_timeout = 0.05`, or it goes on with the last
-  torque of a host that is gone; its current limit and velocity limit.
+- `config.enable_watchdog` with `watchdog_timeout = 0.05`, else it keeps the last torque
+  when the host has gone; its current limit and velocity limit.
 
 Source: ODrive documentation, "CAN Protocol"
 (https://docs.odriverobotics.com/v/latest/manual/can-protocol.html); states and errors
@@ -43,7 +43,7 @@ from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now, pending
 
 
 class CanDrive(ABC):
-    """Connection to a drive on a CAN bus; a subclass makes it a `MotorDrive`."""
+    """Connection to a drive on a CAN bus; subclasses complete it to a `MotorDrive`."""
 
     title: ClassVar[str]  # name of the kind of drive in sentences
     fd: ClassVar[bool]  # true if its frames are those of CAN FD
@@ -55,7 +55,10 @@ class CanDrive(ABC):
         buses: CanBuses | None = None,
         now: Now = time.perf_counter,
     ) -> None:
-        """Open the bus, see `CanPort`, for the drive of a number in `DRIVE_NODES`."""
+        """Open the bus, see `CanPort`, for the drive with number `node`.
+
+        `now` is the clock of the host [s].
+        """
         self._port = CanPort(place, self.identifiers(node), fd=self.fd, buses=buses)
         self.ignored = self._port.ignored
         self.where = f"{self.title} {node} on {self._port.where}"
@@ -105,16 +108,16 @@ def torque_command(torque: float) -> bytes:
 
 
 def padded(data: bytes) -> bytes:
-    """Return the data with no-operations up to a length that a frame can have."""
+    """Return the data, lengthened by no-operations to a length that CAN FD allows."""
     sizes = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of CAN FD
     size: int = next(size for size in sizes if size >= len(data))
     return data + bytes([_NOP]) * (size - len(data))
 
 
 def registers(data: bytes) -> dict[int, float] | None:
-    """Return the values in the replies of a frame, by register; None if it is damaged.
+    """Return the register values in a moteus reply; None if the frame is damaged.
 
-    Integers are not scaled: only modes and fault codes are requested as such.
+    Integers are not scaled: only modes and fault codes are requested as integers.
     """
     found: dict[int, float] = {}
     place = 0
@@ -144,7 +147,7 @@ def registers(data: bytes) -> dict[int, float] | None:
 
 
 def _varuint(data: bytes, place: int) -> tuple[int, int]:
-    """Return a number of seven bits a byte, lowest first, and the place after it."""
+    """Return a number of seven bits per byte, lowest first, and the index after it."""
     value = shift = 0
     while True:
         byte, place = data[place], place + 1
@@ -155,7 +158,7 @@ def _varuint(data: bytes, place: int) -> tuple[int, int]:
 
 
 class Moteus(CanDrive):
-    """A moteus controller; see `MotorDrive`."""
+    """Moteus controller; see `MotorDrive`."""
 
     title, fd = "moteus", True
 
@@ -211,7 +214,7 @@ def identifier(node: int, command: int) -> int:
 
 
 class Odrive(CanDrive):
-    """An axis of an ODrive; see `MotorDrive`."""
+    """Axis of an ODrive; see `MotorDrive`."""
 
     title, fd = "ODrive", False
     _cleared = _requested = -math.inf

@@ -1,4 +1,4 @@
-"""`cc-mujoco run`: a controller, or the trials of a plan, on a real rig."""
+"""`cc-mujoco run`: run a controller, or the trials of a plan, on a real rig."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RunRig:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> int:
-        """Run the rig; print why the run ended and how punctual it was.
+        """Run the rig; print why the run ended and how many cycles were late.
 
         Returns an exit code other than 0 if the run ended before its time.
         """
@@ -81,7 +81,7 @@ class RunRig:
         return self._report(found, settings[0].period)
 
     def _trials(self, folder: Path) -> int:
-        """Play trials of a plan; a person makes the rig ready for each."""
+        """Run the trials of a plan; the user prepares the rig for each."""
         for own in ("controller", "duration"):
             if getattr(self, own) is not None:
                 raise CableError(f"--{own} does not go with --plan, which has its own.")
@@ -200,7 +200,7 @@ class RunRig:
         return loop.outcome
 
     def _report(self, found: RunOutcome, period: float) -> int:
-        """Print how a run went; return its exit code."""
+        """Print the outcome of a run; return its exit code."""
         from cc_mujoco.hardware._run_report import AT_LIMIT_SHARE
 
         late, work = found.late.quantiles(), found.work.quantiles()
@@ -234,7 +234,7 @@ class RunRig:
 
 
 def _close_log(log: RunLog, outcome: RunOutcome) -> None:
-    """Write the rest of a log; a run with an incomplete log has failed."""
+    """Complete a log; a run whose log cannot be completed has failed."""
     for write in (log.flush, lambda: log.close(outcome.to_json())):
         try:
             write()

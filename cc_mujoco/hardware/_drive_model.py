@@ -1,4 +1,4 @@
-"""Knowledge of a controller about a rig: the device, one of its axes, and its drive."""
+"""Model of a rig that its controller has: the device, an axis of it, its drive."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def device_of(scene: str | Device, folder: Path) -> Device:
 
 
 def axis_model(device: Device, axis: str | None = None) -> AxisModel:
-    """Return an axis of a device on its model, by its name unless there is one axis."""
+    """Return an axis of a device on its compiled model; a single axis needs no name."""
     description = device.description
     place = description.axes.index(description.axis(axis))
     return DeviceModel(description, Plant(device).model()).axes[place]
@@ -46,17 +46,19 @@ def drive_of(
     torque_rate: float = math.inf,
     motor_lag: float | None = None,
 ) -> Drive:
-    """Return the drive of an axis, readings a period late, without tension sensors.
+    """Return the drive of an axis on a rig, without tension sensors.
+
+    The delay of its measurements is one period.
 
     Args:
         scene: Name of a built-in scene, a file, or a device; see `device_of`.
         folder: Folder that a file is relative to.
         period: Period of the loop [s].
-        torque: Limit of the motor's torque, either way [N m].
-        axis: Name of the axis; the only one by default.
-        joint_torque: Limit of the joint's torque [N m], besides the device's safe one.
+        torque: Limit of the absolute motor torque [N m].
+        axis: Name of the axis; a single axis needs none.
+        joint_torque: Limit of the joint torque [N m], besides the device's safe one.
         torque_rate: Limit of the motor torque's rate [N m/s].
-        motor_lag: Time constant of the motor's torque [s]; by default the scene's.
+        motor_lag: Time constant of the motor torque [s]; by default the scene's.
 
     Raises:
         CableError: There is no such scene or axis, or the scene is no device.
@@ -76,10 +78,10 @@ def drive_of(
 
 
 class Windings:
-    """Windings of cables that pull no round pulley, by the joints a rig measures."""
+    """Winding angles of cables without round pulleys, from the measured joints."""
 
     def __init__(self, axes: Sequence[AxisModel]) -> None:
-        """Find the joints that wind the cables of each axis."""
+        """Find the joints that move the distal end of the cable of each axis."""
         measured = {axis.axis.joint: place for place, axis in enumerate(axes)}
         self._windings: list[tuple[MeasuredWinding, list[int]] | None] = []
         self.unmeasured: list[tuple[str, ...]] = []
@@ -97,7 +99,10 @@ class Windings:
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> list[dict[str, float]]:
-        """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown."""
+        """Return `WINDING_COLUMNS` of each axis, {} on a round pulley or if unknown.
+
+        `angles` [rad] and `velocities` [rad/s] are those of the axes' joints.
+        """
         found: list[dict[str, float]] = [{} for _ in self._windings]
         for own, each in zip(found, self._windings, strict=True):
             if each is not None:

@@ -1,11 +1,11 @@
 """A Dynamixel servo of the X series on a serial port, by its protocol 2.0.
 
-`pip install 'cc_mujoco[serial]'` installs pyserial. The servo is set to control its
-current. A cycle sends one Sync Write with the goal current, which no servo answers, and
-one Read. Its watchdog stops it 60 ms after the last instruction. A hardware error
-is a fault, which only a reboot clears. A cycle moves about 80 bytes: set 1 Mbit/s or
-more, `Return Delay Time` 0, and a latency timer of 1 ms in the adapter. The torque is
-`torque_per_ampere` times the current that is commanded; nobody measures it.
+`pip install 'cc_mujoco[serial]'` installs pyserial. The servo is set to current
+control. A cycle sends one Sync Write with the goal current, which no servo answers, and
+one Read. The servo's watchdog stops it 60 ms after the last instruction. A hardware
+error is a fault, which only a reboot clears. A cycle transfers about 80 bytes: set 1
+Mbit/s or more, `Return Delay Time` 0, and a latency timer of 1 ms in the adapter. The
+torque is `torque_per_ampere` times the commanded current; it is not measured.
 
 Sources: https://emanual.robotis.com/docs/en/dxl, pages "Protocol 2.0" (protocol2), "CRC
 Calculation" (crc) and the control table of the XH430-W350 (x/xh430-w350). Servos with
@@ -60,7 +60,7 @@ _CRC_TABLE = [_crc_entry(value) for value in range(256)]
 
 
 def crc16(data: bytes) -> int:
-    """Return the checksum of a packet: polynomial 0x8005, from 0, not reflected."""
+    """Return the checksum of a packet: CRC-16, polynomial 0x8005, not reflected."""
     value = 0
     for byte in data:
         value = (value << 8 ^ _CRC_TABLE[value >> 8 ^ byte]) & 0xFFFF
@@ -75,21 +75,21 @@ def instruction(node: int, kind: int, parameters: bytes) -> bytes:
 
 
 def read_instruction(node: int, address: int, size: int) -> bytes:
-    """Return the packet that asks for `size` bytes of the control table."""
+    """Return the packet that requests `size` bytes of the control table."""
     return instruction(node, READ, struct.pack("<HH", address, size))
 
 
 def write_instruction(node: int, address: int, value: bytes) -> bytes:
-    """Return the packet that writes bytes into the control table, without an answer."""
+    """Return the Sync Write packet that writes bytes to the control table."""
     parameters = struct.pack("<HHB", address, len(value), node) + value
     return instruction(0xFE, SYNC_WRITE, parameters)  # to all
 
 
 def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
-    """Take the next whole status packet of a servo out of what was received.
+    """Remove the next complete status packet of a servo from the bytes received.
 
-    Returns its error byte and its parameters; None if no more is there. Damaged packets
-    and those of others are skipped.
+    Returns its error byte and its parameters; None if there is no more. Damaged packets
+    and those of other servos are skipped.
     """
     while (start := received.find(HEADER)) >= 0:
         del received[:start]
@@ -114,7 +114,7 @@ def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
 
 
 class Dynamixel:
-    """A servo; see `MotorDrive`."""
+    """Dynamixel servo; see `MotorDrive`."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class Dynamixel:
     ) -> None:
         """Open the port, such as `/dev/ttyUSB0`; nothing is sent yet.
 
-        `node` is the ID of the servo, 0 to 252, `baud_rate` is in 1/s,
+        `node` is the ID of the servo, 0 to 252, `baud_rate` is in bit/s,
         `torque_per_ampere` is that of its shaft [N m/A], and `now` the clock of the
         host [s].
         """

@@ -1,4 +1,4 @@
-"""Limits that are never exceeded: the limiter directly before the motor."""
+"""Limits of a run, and the limiter that keeps the motor's torque within them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_PERIOD, MIN_PERIOD = 1.0 / 500.0, 1.0 / 2000.0  # periods of a loop [s]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a run, which is stopped if a measured value exceeds one."""
+    """Limits of a run, which stops when a measured value exceeds one."""
 
     torque: float  # largest of the motor, either way [N m]
     torque_rate: float  # largest rate of the motor's torque [N m/s]
@@ -51,10 +51,10 @@ class Limits:
         require_parameter(self, "stop_time", 0.0, 10.0, "s")
 
     def stop_steps(self, period: float) -> int:
-        """Return the cycles in which the torque goes to zero.
+        """Return the number of cycles in which a stop reduces the torque to zero.
 
         Raises:
-            CableError: The torque's rate does not allow to be that fast.
+            CableError: The limit of the torque's rate is too low for `stop_time`.
         """
         steps = max(1, math.floor(self.stop_time / period + 1e-9))
         if self.torque > self.torque_rate * period * steps * (1.0 + 1e-9):
@@ -68,18 +68,18 @@ class Limits:
 
 
 class Limiter:
-    """Limiter of a motor's torque, given the torque that a controller wishes.
+    """Limiter of a motor's torque, in size and rate.
 
-    For any request, two torques in a row differ by at most rate times period, and none
-    is beyond the limit; it begins at zero. Time is counted in cycles, so a late loop
-    makes no larger steps.
+    For any request, two consecutive torques differ by at most rate times period, and
+    none exceeds the limit; the first is zero. Time is counted in cycles, so that a late
+    loop makes no larger steps.
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        """Begin at zero torque, with a period between two torques [s].
+        """Start at zero torque; `period` is the time between two torques [s].
 
         Raises:
-            CableError: A stop cannot be as fast as requested.
+            CableError: The limit of the torque's rate is too low for `stop_time`.
         """
         self._limit = limits.torque
         self._max_torque_step = limits.torque_rate * period
@@ -91,10 +91,10 @@ class Limiter:
         """True if the limit of the rate kept it from where it was to go."""
 
     def limited(self, wish: float) -> float:
-        """Return the next torque [N m], towards what the controller requests.
+        """Return the next torque for the `wish` of the controller, both [N m].
 
         Raises:
-            CableError: The request is not finite.
+            CableError: The wish is not finite.
         """
         if not math.isfinite(wish):
             raise CableError(f"the controller gave {wish!r} N m.")
@@ -104,7 +104,7 @@ class Limiter:
         return self._towards(share * wish)
 
     def stopping(self) -> float:
-        """Return the next torque of a ramp to zero within `stop_time` [N m]."""
+        """Return the next torque of a ramp to zero in `stop_time` [N m]."""
         if self._stop_rate == 0.0:
             self._stop_rate = abs(self.torque) / self._stop_steps
         left = abs(self.torque) - self._stop_rate

@@ -1,10 +1,10 @@
-"""The loop: read, check, control, limit, write; at absolute times.
+"""Control loop of a rig: read, check, control, limit, write, at fixed deadlines.
 
     axis = DrivenAxis(rig, drive, desired, limits, Watchdog())
     outcome = Loop([axis], law, clock=SystemClock(), log=log).run(10.0)
 
-However a run ends, the torque goes to zero on a ramp and the rig is informed. The clock
-and the rig are arguments, so a test runs it in simulated time.
+At the end of a run, for whatever reason, the torque ramps to zero and the rig is told.
+Clock and rig are arguments, so that a test can run in simulated time.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from cc_mujoco.hardware._watchdog import Watch, Watchdog
 
 
 class Clock(Protocol):
-    """Time that goes on by itself, or in a test."""
+    """Clock of a loop: a real one, or that of a test."""
 
     def now(self) -> float:
-        """Return the time [s], never going back; only differences matter."""
+        """Return the time [s], which never decreases; only differences matter."""
 
     def wait(self, deadline: float) -> None:
         """Return at the time `deadline` [s], at once if it is past."""
 
 
 class SystemClock:
-    """The machine's monotonic clock: sleep, then spin."""
+    """Monotonic clock of the machine, which sleeps and then polls until a deadline."""
 
     def now(self) -> float:
         return time.perf_counter()
@@ -68,7 +68,7 @@ after the ramp of a stop."""
 
 
 class Ending(Exception):
-    """Reason why a run ends, in one sentence, with the exit code."""
+    """End of a run: its reason in one sentence, and the exit code."""
 
     def __init__(self, sentence: str, code: int = 3) -> None:
         super().__init__(sentence)
@@ -76,7 +76,7 @@ class Ending(Exception):
 
 
 class Rows(Protocol):
-    """Receiver of the rows of a run; `RunLog` is one."""
+    """Receiver of the rows of a run, such as `RunLog`."""
 
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
@@ -84,7 +84,7 @@ class Rows(Protocol):
 
 
 class TimeHistogram:
-    """Histogram of times: bins of a microsecond, up to 20 ms."""
+    """Histogram of times up to 20 ms, in bins of a microsecond."""
 
     def __init__(self) -> None:
         self._bins: NDArray[np.int64] = np.zeros(20_001, dtype=np.int64)
@@ -95,7 +95,7 @@ class TimeHistogram:
         self._bins[min(max(int(time * 1e6), 0), 20_000)] += 1
 
     def quantiles(self) -> dict[str, float]:
-        """Return three quantiles and the longest time, to 1 us; {} without any."""
+        """Return the 50, 99, 99.9 % quantiles and the longest time [us], or {}."""
         total = np.cumsum(self._bins)
         if not total[-1]:
             return {}
@@ -108,7 +108,7 @@ class TimeHistogram:
 
 @dataclass
 class RunOutcome:
-    """Outcome of a run."""
+    """Outcome of a run: its reason to end, counts of cycles, histograms of times."""
 
     sentence: str = ""  # why it ended
     code: int = 0
@@ -129,7 +129,7 @@ class RunOutcome:
     """Time from the beginning of a cycle until the command was out."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the outcome as plain JSON."""
+        """Return the outcome as a dictionary for JSON."""
         return {
             "outcome": self.sentence,
             "exit_code": self.code,
@@ -146,7 +146,7 @@ class RunOutcome:
 
 @dataclass(frozen=True)
 class DrivenAxis:
-    """Axis of a run: its rig, drive, desired torque and limits."""
+    """Axis to be driven: its rig, drive, desired torque and limits."""
 
     rig: Rig
     drive: Drive  # prior knowledge about the axis, with the period of the loop
@@ -158,7 +158,7 @@ class DrivenAxis:
 
 
 class _AxisState:
-    """An axis while it is driven."""
+    """Axis during a run: its last readings, limiter and watch."""
 
     def __init__(self, axis: DrivenAxis, missing: Sequence[str], alone: bool) -> None:
         self.axis = axis
@@ -178,10 +178,10 @@ class _AxisState:
 
 
 class Loop:
-    """One run of a rig of one or more axes.
+    """One run of a rig with one or several axes.
 
-    All axes are read, then checked, then controlled, then written. What ends the run of
-    one ends it for all.
+    Each cycle reads all axes, then checks, controls and writes all. The end of one
+    axis's run ends all.
     """
 
     def __init__(
@@ -194,19 +194,19 @@ class Loop:
         stop: Callable[[], Ending | None] = lambda: None,
         windings: Windings | None = None,
     ) -> None:
-        """Prepare; nothing is sent yet.
+        """Prepare a run; nothing is sent yet.
 
         Args:
-            axes: Driven axes, at least one; of several each has a name.
-            law: The controller, with the period of the loop. Of several axes it is as
-                that of `control.axes_controller`, with the names of the axes.
+            axes: Axes to be driven, at least one; of several, each has a name.
+            law: The controller, with the period of the loop. For several axes it is one
+                of `control.axes_controller`, with the names of the axes.
             clock: Clock that the cycles follow.
-            log: Takes the rows.
-            stop: Called twice a cycle; returns whether to end, and why.
-            windings: Winding of cables by joints without a round pulley.
+            log: Receiver of the rows.
+            stop: Called twice a cycle; returns the reason to end, or None.
+            windings: Winding angles of cables without a round pulley.
 
         Raises:
-            CableError: A stop cannot be as fast as requested.
+            CableError: A limit of the torque's rate is too low for `stop_time`.
         """
         self._law, self._clock, self._log, self._stop = law, clock, log, stop
         self._windings = windings
@@ -221,7 +221,7 @@ class Loop:
         self.outcome = RunOutcome()
 
     def run(self, duration: float) -> RunOutcome:
-        """Run for this time [s], or until something ends it; the rig is closed then."""
+        """Run for `duration` [s] or until something ends it, then close the rigs."""
         # Also after an unexpected error: zero torque is commanded first.
         with contextlib.ExitStack() as closing:
             for one in self._axes:
@@ -245,7 +245,7 @@ class Loop:
         return self.outcome
 
     def _connect(self) -> None:
-        """Load compiled code; then send zero torque until all rigs have answered."""
+        """Warm up compiled code, then send zero torque until all rigs have answered."""
         # First, since a rig that has been heard must not wait for its next command.
         rest = [Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(self._axes)
         for _ in range(20):  # the first load what is compiled
@@ -303,7 +303,7 @@ class Loop:
             self._log.row(rows, self._late, work, outcome.cycles + outcome.missed)
 
     def _end(self, ending: Ending) -> None:
-        """Ramp all torques to zero, then command zero; nothing can end this early."""
+        """Ramp all torques to zero, then command zero torque; nothing stops this."""
         self.outcome.sentence, self.outcome.code = str(ending), ending.code
         left = ZERO_TORQUE_CYCLES
         while left:
@@ -317,7 +317,11 @@ class Loop:
     def _log_without_control(
         self, before: Sequence[float], torques: Sequence[float]
     ) -> None:
-        """Log readings that no controller saw; a non-finite one is only reported."""
+        """Log readings that no controller received, unless one is not finite.
+
+        `before` are the torques during the readings, `torques` the commands that follow
+        [N m].
+        """
         if self._axes[0].fresh is None:
             return
         rows = []
@@ -340,7 +344,7 @@ class Loop:
         return [one.seen for one in self._axes if one.seen is not None]
 
     def _write(self, torques: Sequence[float]) -> None:
-        """Write to every rig, also where one fails; then raise the first failure."""
+        """Write to every rig, even if one fails; then raise the first failure."""
         failure: Ending | None = None
         for one, torque in zip(self._axes, torques, strict=True):
             try:
@@ -352,7 +356,7 @@ class Loop:
             raise failure
 
     def _write_until_zero(self, torques: Sequence[float]) -> None:
-        """Write and read, whatever the rig raises: it has to be tried until zero."""
+        """Write torques [N m] and read, ignoring every error, as a stop must go on."""
         for one, torque in zip(self._axes, torques, strict=True):
             with contextlib.suppress(Exception):
                 one.axis.rig.write(torque)
@@ -362,7 +366,7 @@ class Loop:
                 one.read()
 
     def _next(self, stopping: bool = False) -> None:
-        """Wait for the next deadline; skip those that are past."""
+        """Wait for the next deadline, without those already past."""
         self._deadline += self._period
         self._clock.wait(self._deadline)
         self._late = self._clock.now() - self._deadline
@@ -401,7 +405,10 @@ class Loop:
     def _control_torques(
         self, time: float, seen: Sequence[Readings]
     ) -> tuple[list[float], list[float]]:
-        """Return the desired torque of each joint, and the requested one [N m]."""
+        """Return desired joint torques and requested motor torques [N m].
+
+        `time` is that since the loop began [s], `seen` has the readings of each axis.
+        """
         try:
             desired = []
             columns: dict[str, float] = {}
@@ -435,7 +442,7 @@ class Loop:
 
     @contextlib.contextmanager
     def _named(self, one: _AxisState) -> Iterator[None]:
-        """End the run with the name of the axis whose rig raises."""
+        """End the run with a sentence that names the axis if its rig raises."""
         try:
             yield
         except Exception as error:
@@ -443,7 +450,7 @@ class Loop:
 
 
 def _floats(torque: Any, count: int) -> list[float]:
-    """Return the torques of a controller, one for each of the motors."""
+    """Return a controller's torques as a list of `count` numbers, one per motor."""
     if count == 1:
         return [float(torque)]
     if np.shape(torque) != (count,):
@@ -455,7 +462,7 @@ def _floats(torque: Any, count: int) -> list[float]:
 
 
 def _error_text(error: Exception) -> str:
-    """Return the text of an error, with its type if it is not of this package."""
+    """Return the text of an error, with its type unless it is a `CableError`."""
     kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
     return f"{kind}{error}"
 
@@ -464,10 +471,10 @@ SIGNALS = [s for s in signal.Signals if s.name in ("SIGINT", "SIGTERM", "SIGHUP"
 
 
 class Stops:
-    """Stop signals, checked in every cycle; remembers the first that came."""
+    """Requests to stop a run, by signal or key; each cycle checks for the first."""
 
     def __init__(self, keyboard: bool) -> None:
-        """Begin with none; with `keyboard` the return key counts, too."""
+        """Start without a request; with `keyboard` the return key is one too."""
         self._keyboard = keyboard
         self._found: Ending | None = None
 
@@ -480,7 +487,7 @@ class Stops:
         return self._found
 
     def handle_signal(self, number: int, _: FrameType | None = None) -> None:
-        """Take a signal; the first one counts."""
+        """Note a signal, unless one came before."""
         if self._found is None:
             name = signal.Signals(number).name
             self._found = Ending(f"stopped by {name}.", 128 + number)
@@ -488,7 +495,7 @@ class Stops:
 
 @contextlib.contextmanager
 def watch_for_stop() -> Iterator[Stops]:
-    """Watch for signals and, in a terminal, for the return key."""
+    """Catch stop signals and, in a terminal, the return key, while a block runs."""
     # Windows selects sockets only.
     keyboard = sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
     stops = Stops(keyboard)

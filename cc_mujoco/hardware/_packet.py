@@ -3,9 +3,9 @@
     reading (rig to host), 64 bytes:  `<4s H H I Q 5d I`
     command (host to rig), 32 bytes:  `<4s H H I Q d I`
 
-magic, version, status, sequence number, time stamp of the rig [ns], values, CRC-32 (of
-zlib) of all bytes before it; nothing lies between the fields. The table with offsets is
-in the README of this package.
+Fields are magic, version, status, sequence number, time stamp of the rig [ns], values,
+and the CRC-32 (of zlib) of all bytes before it, without padding. The README of this
+package has a table with offsets.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _READING, _COMMAND, _CHECKSUM = map(struct.Struct, ("<4sHHIQ5d", "<4sHHIQd", "<I
 
 
 class Status(IntFlag):
-    """Bits that both packets have; those unknown are ignored."""
+    """Status bits of both packets; unknown ones are ignored."""
 
     NONE = 0
     ENABLED = 1
@@ -34,7 +34,7 @@ class Status(IntFlag):
 
 
 class Readings(NamedTuple):
-    """Measurements of a rig at one time; signs are those of the measured data."""
+    """Measurements of a rig at one time, with the signs of measured data."""
 
     time: float  # of the rig's own clock [s]; only differences matter
     motor_angle: float  # [rad]
@@ -55,7 +55,7 @@ class Command(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """A reading with the sequence number and time stamp of its packet."""
+    """Reading with the sequence number and time stamp of its packet."""
 
     sequence: int
     stamp: int  # [ns]
@@ -91,7 +91,7 @@ def read_command(data: bytes) -> Command | None:
 
 
 def is_newer(sequence: int, than: int) -> bool:
-    """Return whether a sequence number comes after another, across the turn."""
+    """Return whether a sequence number follows `than`, also after an overflow."""
     return 0 < (sequence - than) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2
 
 

@@ -1,10 +1,10 @@
-"""Torque that the joint should get: constant, in time, by its motion, or of a servo.
+"""Desired joint torque of a run: a table in time, a virtual environment, a servo.
 
     loop = Loop(rig, controller("none", drive), Servo(drive, course), ...)
 
-What a servo asks for is the joint's torque without friction that keeps the motor on a
-course of angles, and the controller `none` makes the motor's of it. So the limits, the
-watchdog and the log of a run are those of every other.
+A servo tracks angles of the motor. Its output is the joint torque that corresponds to
+the motor torque without friction, from which the controller `none` computes the motor
+torque. A trial thus has the limits, the watchdog and the log of every other run.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ Array = NDArray[np.float64]
 
 
 class Desired(Protocol):
-    """Torque at the joint, by time and motion."""
+    """Desired torque at the joint, as a function of time and readings."""
 
     def torque(self, time: float, seen: Readings) -> float:
-        """Return the torque [N m] at a time since the loop began [s]."""
+        """Return the torque [N m] for a time since the loop began [s]."""
 
 
 @dataclass(frozen=True)
 class TorqueTable:
-    """A course in time, linear between its points and held after the last."""
+    """Joint torque [N m] over time [s], linear between points, then constant."""
 
     times: Array
     torques: Array
@@ -55,10 +55,10 @@ class TorqueTable:
         return float(np.interp(time, self.times, self.torques))
 
     def require_within(self, drive: Drive, limits: Limits) -> None:
-        """Find out, before a rig is touched, whether the motor can give these torques.
+        """Check that the motor can give the torques; call before a rig is connected.
 
         Raises:
-            CableError: It cannot, were there no friction, or the run would be stopped.
+            CableError: It cannot, even without friction, or a limit would stop the run.
         """
         most = float(max(self.torques, key=abs))
         low, high = drive.reach
@@ -82,7 +82,7 @@ class TorqueTable:
 
 @dataclass(frozen=True)
 class Virtual:
-    """A virtual environment that the joint moves in, as in `cc-mujoco play`."""
+    """Torque of a virtual environment that the joint moves in, see `human.Task`."""
 
     task: Task
 
@@ -92,7 +92,11 @@ class Virtual:
 
     @classmethod
     def named(cls, name: str) -> Virtual:
-        """Return the virtual environment of a name; refuse one of a gait or angle."""
+        """Return a named virtual environment.
+
+        Raises:
+            CableError: It depends on a gait or commands an angle, or is none.
+        """
         found = task(name)
         if found.about_reference or found.commands_angle:
             raise CableError(
@@ -112,10 +116,10 @@ def constant_course(torque: float) -> TorqueTable:
 
 
 def course_from_trajectory(name: str, amplitude: float, duration: float) -> TorqueTable:
-    """Return a trajectory of `cc-mujoco play` as a course of torque.
+    """Return a trajectory of `cc-mujoco play` as a table of torques.
 
-    `amplitude` is the torque where the trajectory has its own [N m], `duration` that of
-    the run [s].
+    `amplitude` is the torque at the trajectory's own amplitude [N m], `duration` that
+    of the run [s].
     """
     found = look_up("trajectory", name, TRAJECTORIES)
     require_number("duration", duration, 0.01, MAX_DURATION, "s")
@@ -129,7 +133,7 @@ def course_from_csv(path: Path) -> TorqueTable:
 
 
 def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
-    """Read the named columns of a table (n,) each; the first is time and must rise."""
+    """Return the named columns of a table, (n,) each; the first must be rising time."""
     names = tables.column_names(path)
     found = [tables.quantity_column(path, names, *each) for each in columns.items()]
     read = tables.read_course(path, found)
@@ -144,7 +148,7 @@ APPROACH_TIME = 1.0
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness with which a motor is held on its course."""
+    """Gains with which a servo holds a motor on its angles."""
 
     stiffness: float  # [N m/rad]
     damping: float  # [N m s/rad]
@@ -158,11 +162,11 @@ class Stiffness:
 
     @classmethod
     def of(cls, drive: Drive) -> Stiffness:
-        """Return the firmest hold of a motor of this inertia at this period.
+        """Return the highest gains for the motor's inertia and the period.
 
-        What is measured is a period old, a torque lasts for another, and a motor may
-        lag. So the damping stays at a quarter of inertia over that time; stiffness and
-        integral act in 6 and in 25 of those times.
+        A measurement is a period old, a torque acts for another, and a motor may lag.
+        With t the period plus that lag, damping is a quarter of inertia / t, stiffness
+        is damping / (6 t), and integral is stiffness / (25 t).
 
         Raises:
             CableError: The inertia is not known.
@@ -179,14 +183,14 @@ class Stiffness:
 
 
 class Servo:
-    """Servo whose torque keeps the motor on its course; see `Desired`."""
+    """Servo that keeps the motor on a table of angles; see `Desired`."""
 
     def __init__(
         self, drive: Drive, times: Array, angles: Array, firm: Stiffness | None = None
     ) -> None:
-        """Begin a course of motor `angles` at `times` from 0 (n,) [rad, s].
+        """Take motor `angles` (n,) [rad] at `times` (n,) from 0 [s].
 
-        It is as `firm` as `Stiffness.of` the drive by default.
+        The gains are `firm`, by default `Stiffness.of` the drive.
         """
         self._drive = drive
         self._times, self._angles = times, angles
@@ -207,9 +211,10 @@ class Servo:
         return drive.ratio * (torque + self._integral)
 
     def course(self, time: float, begin: float) -> tuple[float, float]:
-        """Return the desired angle [rad] and speed [rad/s] of a motor from `begin`.
+        """Return the motor's desired angle [rad] and speed [rad/s] at a time [s].
 
-        The way to the course's first angle is a cosine.
+        `begin` is its angle at time 0 [rad], from which a half cosine leads to the
+        first angle of the table in `APPROACH_TIME`.
         """
         if time < APPROACH_TIME:
             turn = math.pi * time / APPROACH_TIME
@@ -223,7 +228,7 @@ class Servo:
 
 @dataclass(frozen=True)
 class Planned:
-    """Motion to be played on a rig: where its log goes, and both angles over time."""
+    """Planned trial: motor angles to play, expected joint angles, name of the log."""
 
     path: Path
     name: str  # name that its log gets, and that `dataset.toml` knows
@@ -234,17 +239,17 @@ class Planned:
 
     @property
     def duration(self) -> float:
-        """Length of the run, with the way to where the motion begins [s]."""
+        """Duration of the run, including the approach to the first angle [s]."""
         return APPROACH_TIME + float(self.times[-1])
 
     def servo(self, drive: Drive, firm: Stiffness | None = None) -> Servo:
         return Servo(drive, self.times, self.motor, firm)
 
     def require_within(self, limits: Limits, drive: Drive) -> None:
-        """Refuse a motion that would exceed the rig's limits, before connecting.
+        """Refuse a trial that would exceed the rig's limits; call before connecting.
 
-        In a plan the joint is positive where the cable pulls, at the rig as the scene
-        has it.
+        In a plan a joint angle is positive in the direction in which the cable pulls.
+        On the rig it has the sign of the scene.
         """
         low, high = limits.joint_range
         joint = math.copysign(1.0, drive.ratio) * self.joint
@@ -263,7 +268,7 @@ class Planned:
 
 
 def read_plan(folder: str | os.PathLike[str]) -> list[Planned]:
-    """Return the trials of a folder that `cc-mujoco diagnose --plan` wrote."""
+    """Return the trials in a folder that `cc-mujoco diagnose --plan` wrote."""
     place = Path(folder)
     toml = place / DATASET_FILE
     paths = sorted(place.glob(MOTION_FILE.format("*")))
@@ -286,12 +291,12 @@ def read_plan(folder: str | os.PathLike[str]) -> list[Planned]:
 
 
 def add_trial_facts(plan: Path, trial: str, out: Path, inertia: float) -> None:
-    """Add the facts of a planned trial to the `dataset.toml` next to its log.
+    """Copy the entries of a planned trial to the `dataset.toml` next to its log.
 
-    That file has only what was recorded: facts of a trial that is not there are an
-    error to whoever reads it. Existing entries are not changed. Logs have the torque
-    command of the motor, part of which accelerates its rotor, of `inertia` at its
-    pulley [kg m^2]; 0 is not known.
+    That file lists only recorded trials, as readers refuse entries without a log.
+    Existing entries are kept. Logs have the commanded torque, a part of which
+    accelerates the rotor; its `inertia` at the pulley [kg m^2] is written too, unless
+    it is 0 (unknown).
     """
     planned = (plan / DATASET_FILE).read_text(encoding="utf-8")
     head, *tables = re.split(r"(?m)^(?=\[trials\b)", planned)

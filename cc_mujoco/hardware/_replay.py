@@ -1,10 +1,10 @@
-"""The log of a run shown as an episode is: a recording for Rerun and a figure.
+"""Conversion of a run's log to an episode: a recording for Rerun and a figure.
 
     replay("runs/first/log.csv", "bench")
 
-A rig has no sensors inside its cables. What is shown there is what the model in the
-scene makes of the motor's angle and the joint's torque, as in the controllers; angles,
-torques and their time are those that were measured.
+A rig has no sensors inside its cables. Their states are simulated from the measured
+motor angle and joint torque with the model of the scene, as in controllers. Angles,
+torques and times are those that were measured.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
 def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     """Write the recording and the figure of a run next to its log; return their paths.
 
-    `log` is `log.csv` of a run or of a trial, or the same as Parquet, and `scene` the
-    name of a device, or the file of one.
+    `log` is the `log.csv` of a run or a trial, or the same as Parquet; `scene` is the
+    name or the file of a device.
     """
     path = Path(log)
     if is_marked(path):
@@ -76,7 +76,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
 
 
 def read_rows(path: Path) -> dict[str, Array]:
-    """Return the columns of a log by name (T,) each, from all whole lines."""
+    """Return the columns of a log, (T,) each, without an incomplete last line."""
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
@@ -127,10 +127,10 @@ def read_rows(path: Path) -> dict[str, Array]:
 def as_episode(
     rows: dict[str, Array], scene: str, path: Path
 ) -> tuple[mujoco.MjModel, EpisodeLog]:
-    """Return the scene's model and the log of a run replayed in it.
+    """Return the scene's model, and the log of a run as an episode log.
 
-    The ratio of the device must be that of the angles, and the run must have measured
-    the joints that wind its cables.
+    The ratio of the scene's device must match the measured angles, and the run must
+    have measured the joints that move its cables.
     """
     device, prefixes = find_device(scene), _prefixes(rows)
     description = device.description
@@ -185,7 +185,7 @@ def as_episode(
 
 
 def _prefixes(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the beginnings of the columns of each axis in a log."""
+    """Return the prefix of the columns of each axis in a log."""
     known = log_columns.prefixes_in(names)
     found = [name for name in known if not name or name.endswith(".")]
     return tuple(found) or ("",)
@@ -194,7 +194,7 @@ def _prefixes(names: Iterable[str]) -> tuple[str, ...]:
 def _require_ratio(
     rows: dict[str, Array], drive: Drive, scene: str, path: Path
 ) -> None:
-    """Refuse a scene in which motor and joint would drift apart."""
+    """Refuse a scene with another ratio of motor to joint angle than was measured."""
     twist = rows["motor_angle_rad"] / drive.ratio - rows["winding_angle_rad"]
     if drive.one_way:  # where its cable may be slack, the motor turns as it likes
         torque = rows["joint_torque_nm"] / rows["leverage_ratio"] * np.sign(drive.ratio)
@@ -222,7 +222,7 @@ def _add_wound(axes: Sequence[dict[str, Array]], windings: Windings) -> None:
 def _observed(
     drive: Drive, names: Sequence[str], motor: Array, torque: Array
 ) -> dict[str, NDArray[Any]]:
-    """Return cable columns by angle of the motor [rad], torque at the joint [N m]."""
+    """Return cable columns estimated from motor angle [rad] and joint torque [N m]."""
     observer = CableModel(drive)
     states = []
     for angle, load in zip(motor.tolist(), torque.tolist(), strict=True):

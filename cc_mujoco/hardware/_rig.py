@@ -1,8 +1,8 @@
-"""Rigs as the loop sees them.
+"""Rigs as the loop uses them: over packets, or as a motor drive with joint sensors.
 
-One is at the other end of a link of packets or UDP, one a motor drive that speaks its
-maker's protocol, with sensors at the joint. None of the drives was tried on hardware:
-the tests have simulated peers, written from the documents that the modules name.
+A packet rig is behind UDP or another link. A motor drive has its maker's protocol.
+None of the drives was tried on hardware: tests use simulated peers, written from the
+documents that the modules name.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ is over, of which some may be lost."""
 class Rig(Protocol):
     """Interface that drives a motor and reads its sensors.
 
-    A class of your own needs these three methods and is made by `module:Class` with the
+    A class of your own needs these three methods. It is made by `module:Class` with the
     other keys of `[rig]` as keywords. No method may block for long: the loop waits for
-    it. It may have a `ignored`, a `Counter` of what was received and not used, by why,
-    and a `where`, the address at which it is looked for.
+    it. It may have `ignored`, a `Counter` of the unused data received, by reason, and
+    `where`, the address of the rig.
     """
 
     def read(self) -> Readings | None:
@@ -43,14 +43,14 @@ class Rig(Protocol):
         """Command a torque of the motor [N m]."""
 
     def close(self) -> None:
-        """Leave the motor without torque, for good."""
+        """Remove the torque of the motor and disconnect."""
 
 
 class Connection(Protocol):
-    """Connection to the other end; no method waits.
+    """Connection to the other end, whose methods never wait.
 
-    Methods raise `OSError` where something could not be received or sent and the next
-    may be, and `CableError` where nothing can be any more.
+    They raise `OSError` if a transfer failed and the next may succeed, and `CableError`
+    if the connection is lost for good.
     """
 
     ignored: Counter[str]
@@ -62,7 +62,7 @@ class Connection(Protocol):
 
 
 class Link(Connection, Protocol):
-    """Carrier of packets between two ends."""
+    """Connection that carries packets."""
 
     def receive(self) -> bytes | None: ...
 
@@ -72,9 +72,9 @@ class Link(Connection, Protocol):
 def end_safely(
     stop: Callable[[], None], interval: float, *close: Callable[[], None]
 ) -> None:
-    """Try to stop a motor `END_PACKETS` times and then close, whatever fails.
+    """Try to stop a motor `END_PACKETS` times, then close, ignoring all errors.
 
-    `stop` takes the torque away; `interval` is the time after each [s].
+    `stop` removes the torque; `interval` is the time after each try [s].
     """
 
     def try_stop() -> None:
@@ -88,9 +88,9 @@ def end_safely(
 
 
 def pending(receive: Callable[[], Item | None]) -> Iterator[Item]:
-    """Yield what has been received, but no more in a cycle than `MAX_PENDING`.
+    """Yield what `receive` returns until None, at most `MAX_PENDING` items.
 
-    So a sender without a pause cannot hold up the loop.
+    A sender without a pause thus cannot block the loop.
     """
     for _ in range(MAX_PENDING):
         if (found := receive()) is None:
@@ -99,9 +99,9 @@ def pending(receive: Callable[[], Item | None]) -> Iterator[Item]:
 
 
 class PacketRig:
-    """A rig at the other end of a link: it validates packets and sends commands.
+    """Rig on a link: it checks received packets and sends commands.
 
-    A zero command that is not enabled comes first; torque follows once it was heard.
+    It sends zero torque without the enable bit until it has received a reading.
     """
 
     def __init__(self, link: Link) -> None:
@@ -115,7 +115,7 @@ class PacketRig:
         self._closed = False
 
     def read(self) -> Readings | None:
-        """Return the newest valid reading that is newer than the last; see `Rig`."""
+        """Return the newest valid reading received since the last call; see `Rig`."""
         newest = None
         for data in pending(self._receive):
             found = packet.read_reading(data)
@@ -136,7 +136,7 @@ class PacketRig:
         return newest
 
     def write(self, torque: float) -> None:
-        """Send a command, enabled once the rig has been heard; see `Rig`."""
+        """Send a torque, enabled once a reading was received; see `Rig`."""
         self._send(torque, Status.ENABLED if self._last else Status.NONE)
 
     def close(self) -> None:
@@ -165,7 +165,7 @@ class PacketRig:
 
 
 class _UdpLink:
-    """A packet in a datagram; those of others never reach it."""
+    """Link that carries one packet per datagram, from its peer only."""
 
     def __init__(self, host: str, port: int) -> None:
         self.ignored: Counter[str] = Counter()
@@ -183,7 +183,7 @@ class _UdpLink:
             ) from None
 
     def receive(self) -> bytes | None:
-        """See `Link`; fails if the system reports that the address does not listen."""
+        """Return the next packet; raise if the system reports that nobody listens."""
         try:
             return self._socket.recv(1024)
         except (BlockingIOError, InterruptedError):
@@ -197,13 +197,13 @@ class _UdpLink:
 
 
 class UdpRig(PacketRig):
-    """Rig behind UDP that answers the sender of its last command."""
+    """Rig behind UDP, which answers the sender of its last command."""
 
     def __init__(self, host: str, port: int) -> None:
         """Open a socket; nothing is sent yet.
 
         Raises:
-            CableError: The address means no machine.
+            CableError: The address cannot be resolved.
         """
         super().__init__(_UdpLink(host, port))
 
@@ -231,11 +231,11 @@ class MotorDrive(Connection, Protocol):
         """Command a shaft torque [N m]; enable the motor after its first reading."""
 
     def stop(self) -> None:
-        """Command zero torque and disable the motor; sent several times."""
+        """Command zero torque and disable the motor; called several times."""
 
 
 class Enabling:
-    """Status of a drive between the request to enable its motor and its answer."""
+    """Watch over a drive from the request to enable its motor until it answers."""
 
     def __init__(self, now: Now) -> None:
         self._now = now
@@ -258,14 +258,18 @@ class Enabling:
 
 
 class DriveRig:
-    """A drive at the motor, with another rig's sensors at the joint.
+    """Drive at the motor, combined with another rig's sensors at the joint.
 
-    A reading is complete when both were read since the last one. The other rig gets
-    commands of zero torque, since one behind UDP sends to whom it has heard.
+    A reading is complete when both ends have new data. The joint's rig gets commands of
+    zero torque, because one behind UDP answers only the sender of a command.
     """
 
     def __init__(self, drive: MotorDrive, joint: Rig, gear: float, zero: float) -> None:
-        """Take both; nothing is sent yet."""
+        """Combine a drive and the rig at the joint; nothing is sent yet.
+
+        `gear` is turns of the drive's encoder per turn of the motor, `zero` the motor's
+        angle where the encoder reads 0 [rad].
+        """
         self._drive, self._joint = drive, joint
         self._gear, self._zero = gear, zero
         self._motor: MotorState | None = None
@@ -275,7 +279,7 @@ class DriveRig:
 
     @property
     def ignored(self) -> Counter[str]:
-        """Packets that were not used, by why; see `Rig`."""
+        """Number of unused packets of both, by reason; see `Rig`."""
         others = Counter(getattr(self._joint, "ignored", ()))
         named = {f"at the joint: {why}": count for why, count in others.items()}
         return self._drive.ignored + Counter(named)
@@ -284,7 +288,7 @@ class DriveRig:
         """Return a reading of motor and joint; see `Rig`.
 
         Raises:
-            CableError: One of them carries nothing any more.
+            CableError: A connection is lost for good.
         """
         try:
             self._motor = self._drive.read() or self._motor
@@ -307,7 +311,7 @@ class DriveRig:
         """Command a torque of the motor [N m]; see `Rig`.
 
         Raises:
-            CableError: One of them carries nothing any more.
+            CableError: A connection is lost for good.
         """
         try:
             self._drive.write(torque / self._gear)
@@ -316,7 +320,7 @@ class DriveRig:
         self._joint.write(0.0)
 
     def close(self) -> None:
-        """Disable the motor, for good; see `Rig`."""
+        """Disable the motor and disconnect both; see `Rig`."""
         if self._closed:
             return
         self._closed = True

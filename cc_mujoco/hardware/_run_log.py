@@ -1,9 +1,9 @@
-"""Log of a run: its rows as they come, and a page on how it went.
+"""Log of a run: its rows as they are measured, and a record of its settings.
 
-`log.csv` grows block by block, so that a killed process loses no more than the last
-block; one that is killed while it writes may leave a part of a line. Its columns are
-those of an episode log (`cc_mujoco.simulation._log_columns`) as far as a rig has them,
-so it is data for `cc-mujoco diagnose`.
+`log.csv` is written in blocks, so that a killed process loses at most one block; if it
+is killed while writing, the last line may be incomplete. Columns are those of an
+episode log (`cc_mujoco.simulation._log_columns`) as far as a rig measures them, so that
+`cc-mujoco diagnose` can read it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ since its first reading in the log. `time_s` is that of the first axis."""
 
 
 class AxisRow(NamedTuple):
-    """Part of a row that belongs to an axis."""
+    """Part of a row that belongs to one axis."""
 
     seen: Readings
     before: float  # torque that the motor was commanded when the reading came [N m]
@@ -50,7 +50,7 @@ class AxisRow(NamedTuple):
 
 
 def run_columns(axes: Sequence[str] = ("",)) -> tuple[str, ...]:
-    """Return the columns of a row; those of axes begin with their names.
+    """Return the columns of a log; those of an axis begin with its name.
 
     The name of a device's only axis is empty.
     """
@@ -61,20 +61,19 @@ def run_columns(axes: Sequence[str] = ("",)) -> tuple[str, ...]:
 
 
 def files_of(name: str) -> tuple[str, str]:
-    """Return the names of the two files of a run: its rows and its run record."""
+    """Return the names of a run's two files: rows and record."""
     rows = f"{name}.csv"
     return rows, page_of(Path(rows)).name
 
 
 def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -> None:
-    """Find out, before a rig is touched, whether a run may be written to a folder.
+    """Check that a run may be written to a folder; call before a rig is connected.
 
     `name` is that of the run's files.
 
     Raises:
-        CableError: It cannot be written, holds anything else but for a plan's trial, or
-            has a run's files: other than results of a computation, measured data
-            cannot be made again.
+        CableError: The folder cannot be written, has a run's files, as measured data
+            are never replaced, or has unrelated files, unless the run is a trial.
     """
     atomic_io.require_writable(folder)
     if _is_empty(Path(folder), name):
@@ -89,7 +88,7 @@ def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -
 
 
 def _is_empty(folder: Path, name: str) -> bool:
-    """Return whether a run of ours ended there before anything was measured."""
+    """Return whether the folder has a run's files that hold no measurement."""
     rows, page = (folder / file for file in files_of(name))
     try:
         # A longer file has rows.
@@ -114,9 +113,9 @@ class RunLog:
         name: str = DEFAULT_LOG_NAME,
         axes: Sequence[str] = ("",),
     ) -> None:
-        """Begin both files of this name in a folder, which is made if needed.
+        """Create both files of this name in a folder, which is made if needed.
 
-        `about` has the settings of the run as JSON, `rows` is the number of rows of a
+        `about` has the settings of the run for JSON, `rows` is the number of rows in a
         block; the name of a device's only axis is empty.
 
         Raises:
@@ -170,10 +169,10 @@ class RunLog:
             self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """End both files, with the outcome of the run as JSON.
+        """Complete both files, with the outcome of the run for JSON.
 
         Raises:
-            CableError: The rows left over, or the page, cannot be written.
+            CableError: The remaining rows or the record cannot be written.
         """
         try:
             self.flush()
@@ -182,7 +181,7 @@ class RunLog:
             self._tell(outcome)
 
     def flush(self) -> None:
-        """Write the rows that are left over.
+        """Write the remaining rows.
 
         Raises:
             CableError: They cannot be written.
@@ -193,7 +192,7 @@ class RunLog:
             self._write(data)
 
     def _write(self, data: bytes) -> None:
-        """Write whole lines, as many as fit on a full disk."""
+        """Write complete lines, as many as the disk has room for."""
         done = 0
         try:
             while done < len(data):
@@ -210,7 +209,7 @@ class RunLog:
         self._size += done
 
     def _tell(self, outcome: Mapping[str, Any], spare: int = 0) -> None:
-        """Write the run record, with blanks behind it for later entries."""
+        """Write the run record; `spare` blanks keep disk space for the outcome."""
         text = json.dumps({**self._about, **outcome}, indent=1) + "\n"
         data = text.encode() + b" " * spare
         try:

@@ -1,4 +1,4 @@
-"""Page on a run of a rig: one sentence, one picture, the next command."""
+"""Report page of a run: one sentence, a figure, the next command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ AT_LIMIT_SHARE = 0.02
 
 @dataclass(frozen=True)
 class ReportedRun:
-    """A run whose log is complete."""
+    """Run with a complete log."""
 
     log: Path
     outcome: RunOutcome
@@ -45,7 +45,7 @@ class ReportedRun:
 
 
 def write_run_report(run: ReportedRun) -> Path:
-    """Write the page of a run beside its log, and return its path."""
+    """Write the page of a run beside its log; return its path."""
     rows = read_rows(run.log)
     time = rows["time_s"]
     axes = {}
@@ -71,7 +71,10 @@ def write_run_report(run: ReportedRun) -> Path:
 def _errors(
     time: Array, rows: Mapping[str, Array], limits: Limits
 ) -> tuple[float, float]:
-    """Return the RMS error after the soft start, and the RMS of the desired torque."""
+    """Return the RMS torque error and the RMS desired torque [N m].
+
+    Both are taken after the soft start, if the run was longer.
+    """
     desired = rows["desired_torque_nm"]
     counted = np.isfinite(desired) & (time >= limits.soft_start)
     if not counted.any():
@@ -84,7 +87,7 @@ def _errors(
 
 
 def _touched(run: ReportedRun) -> list[str]:
-    """Return the limits of the torque that a motor often reached."""
+    """Return words for each torque limit that a motor reached in many cycles."""
     cycles = max(1, run.outcome.cycles)
     counts = {"torque": run.outcome.limited, "rate": run.outcome.rate_limited}
     return [
@@ -97,7 +100,10 @@ def _touched(run: ReportedRun) -> list[str]:
 def _sentence(
     run: ReportedRun, duration: float, errors: tuple[float, float], axis: str
 ) -> str:
-    """Return what ran, how well the torque was followed and which limits it reached."""
+    """Return a sentence on what ran, the torque error and the limits that were reached.
+
+    `errors` are those of `_errors`, `duration` is in s.
+    """
     reason = run.outcome.sentence.rstrip(".")
     if run.outcome.code:
         return f"{run.what} ended after {duration:.3g} s: {reason}."
@@ -115,7 +121,7 @@ def _sentence(
 def _picture(
     name: str, time: Array, rows: Mapping[str, Array], limits: Limits
 ) -> html.Html:
-    """Return torques and angle of an axis over time, with limits that are near."""
+    """Return a figure of an axis's torques and angle over time, with limits nearby."""
     shown = {
         "joint torque [N m]": ("joint_torque_nm", "desired_torque_nm"),
         "motor torque [N m]": ("motor_torque_nm",),

@@ -116,7 +116,7 @@ _AXIS_TABLES = ("rig", "limits", "watchdog", "task", "servo")
 
 @dataclass(frozen=True)
 class Settings:
-    """The contents of a `rig.toml` for one axis."""
+    """Contents of a `rig.toml` for one axis."""
 
     path: Path
     scene: str  # name of a device, or the file of one
@@ -133,11 +133,11 @@ class Settings:
     """Axes that have a table in the file, also those that are not driven."""
 
     def address(self) -> Address | None:
-        """Return the address of the rig, None for a rig with a class of its own."""
+        """Return the address of the rig; None for a user's class."""
         return address_of(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
-        """Make the rig that `[rig]` names, on open CAN buses that it shares.
+        """Make the rig that `[rig]` names; it shares the open CAN `buses`.
 
         Raises:
             CableError: It cannot be made.
@@ -145,7 +145,7 @@ class Settings:
         return connect_rig(self.rig, {} if buses is None else buses)
 
     def drive(self) -> Drive:
-        """Return the prior knowledge of a controller about the rig.
+        """Return the drive of the rig's axis, as its controller knows it.
 
         Raises:
             CableError: There is no such device or axis.
@@ -165,8 +165,8 @@ class Settings:
         """Return the device that `scene` names.
 
         Raises:
-            CableError: There is no such device, it has several axes and `axis` names
-                none of them, or `[axes]` lacks one or has another.
+            CableError: There is no such device, `axis` names none of its several axes,
+                or `[axes]` lacks one of them or has another.
         """
         device = device_of(self.scene, self.path.parent)
         names = device.axis_names
@@ -186,10 +186,10 @@ class Settings:
         return device
 
     def firm(self, drive: Drive) -> Stiffness:
-        """Return the stiffness with which the motor is held on the course of a trial.
+        """Return the gains with which the servo tracks the angles of a trial.
 
         Raises:
-            CableError: The motor's inertia is not known and `[servo]` does not say all.
+            CableError: The motor's inertia is unknown, and `[servo]` lacks a gain.
         """
         given = _numbers(self.servo, Stiffness)
         if len(given) < len(dataclasses.fields(Stiffness)):
@@ -197,7 +197,7 @@ class Settings:
         return _construct(Stiffness, self.servo, given)
 
     def desired(self, duration: float) -> references.Desired:
-        """Make the desired torque that `[task]` names, for a duration of the run [s].
+        """Return the desired torque that `[task]` defines, for a run of `duration` [s].
 
         Raises:
             CableError: It cannot be made.
@@ -216,10 +216,10 @@ class Settings:
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
-    """Read a `rig.toml` that drives one axis, as `read_axes`.
+    """Return the settings of a `rig.toml` that drives one axis.
 
     Raises:
-        CableError: As `read_axes`, or it drives several.
+        CableError: As `read_axes`, or it drives several axes.
     """
     first, *others = read_axes(path, allow)
     if others:
@@ -236,11 +236,11 @@ def read_axes(
 ) -> tuple[Settings, ...]:
     """Return the settings of every axis that a `rig.toml` drives.
 
-    `allow` is the `MODULE:NAME` of code that it may name.
+    `allow` has `MODULE:NAME` of user code that the file may name.
 
     Raises:
-        CableError: It cannot be read, lacks a key, or has one or a value that cannot
-            be; says where. Or two axes have the same rig.
+        CableError: The file cannot be read, lacks a key, has an unknown key or an
+            impossible value, or gives two axes the same rig.
     """
     user_code.allow(allow)
     path = Path(path)
@@ -342,7 +342,7 @@ def _require_value(table: Table, key: str, value: Any) -> Any:
 
 
 def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
-    """Return the numbers of a table whose keys are the fields of a dataclass."""
+    """Return the numbers of a table, whose keys are fields of `kind`, but no `others`."""
     names = [field.name for field in dataclasses.fields(kind)]
     table.only(*names)
     given = {name: table.number(name) for name in names if name not in others}
@@ -361,7 +361,7 @@ def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
 
 
 def connect_rig(table: Table, buses: CanBuses) -> Rig:
-    """Make the rig of a table, on open `buses` if it shares one; nothing is sent."""
+    """Make the rig of a table, sharing open CAN `buses`; nothing is sent."""
     address = address_of(table)
     if address is None:
         return _user_rig(table, table.code("class") or "")
@@ -386,7 +386,10 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
 
 
 def require_distinct(pair: str, one: Table, other: Table) -> None:
-    """Refuse two axes whose commands would reach the same motor."""
+    """Refuse two axes whose commands would reach the same motor.
+
+    `pair` names both in the error.
+    """
     if one.content == other.content:
         raise CableError(
             f"{pair} have the same rig; give each its own address, or keys, in its "
@@ -397,14 +400,14 @@ def require_distinct(pair: str, one: Table, other: Table) -> None:
 
 
 def _addresses(rig: Table) -> list[Address]:
-    """Return the addresses of a rig, and of its sensors at the joint."""
+    """Return the addresses of a rig and of its joint sensors, if these are separate."""
     address = address_of(rig)
     joint = address_of(address.joint) if isinstance(address, DriveAddress) else None
     return [each for each in (address, joint) if each is not None]
 
 
 def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
-    """Refuse addresses of two axes that reach the same rig."""
+    """Refuse two addresses that reach the same rig; `pair` names both axes."""
     if isinstance(mine, UdpAddress) and isinstance(theirs, UdpAddress):
         if mine.port == theirs.port and _machine(mine) == _machine(theirs):
             raise CableError(f"{pair} have the same address.")
@@ -436,7 +439,7 @@ def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
 
 
 def _machine(address: UdpAddress) -> str:
-    """Return the address of a machine; its name where it is unknown."""
+    """Return the IP address of a host, or its name if that cannot be resolved."""
     try:
         return str(socket.getaddrinfo(address.host, address.port)[0][4][0])
     except OSError:
@@ -444,7 +447,7 @@ def _machine(address: UdpAddress) -> str:
 
 
 def _user_rig(table: Table, name: str) -> Rig:
-    """Return a rig of a class that is importable, also from the current folder."""
+    """Return a rig of the class `name`, importable also from the current folder."""
     others = {key: value for key, value in table.content.items() if key != "class"}
     kind = named_object(f"{table.where}, class", name, "class")
     with user_errors(f"{table.where}, class {name!r}"):
@@ -482,7 +485,7 @@ class RigAxes:
         """Axes that are not driven, by the joint that they would measure."""
 
     def controller(self, name: str) -> Controller:
-        """Return a controller of all axes, see `control.axes_controller`."""
+        """Return a controller of all axes; see `control.axes_controller`."""
         if len(self.names) == 1 and self.log_names != ("",):
             named = split_by_axis(name, self.names)
             name = named if isinstance(named, str) else named[self.names[0]]
@@ -521,7 +524,7 @@ class RigAxes:
         return [*map(DrivenAxis, rigs, self.drives, desired, limits, dogs, self.names)]
 
     def connect(self) -> list[Rig]:
-        """Make the rig of every axis; those on one CAN bus share it."""
+        """Make the rig of every axis; rigs on the same CAN bus share it."""
         buses: CanBuses = {}
         rigs: list[Rig] = []
         with contextlib.ExitStack() as closing:

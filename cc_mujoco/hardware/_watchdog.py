@@ -1,4 +1,4 @@
-"""Causes that stop a run: sensors lost, impossible or frozen, and lost time."""
+"""Faults that stop a run: sensors lost, implausible or frozen, and missed deadlines."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from cc_mujoco.native import compiled
 
 
 class TorqueSensor:
-    """Detection of a joint torque sensor that is dead or reversed.
+    """Detection of a joint torque sensor that is dead or has the wrong sign.
 
-    The cables are elastic, so the angles of motor and joint alone predict how their
-    torque at the joint changes. Friction and stiffness of the scene may be wrong: they
-    change the size of the prediction, and no sign.
+    As cables are elastic, the angles of motor and joint predict how their torque at the
+    joint changes. Errors in the scene's friction and stiffness change the size of the
+    prediction, but not its sign.
     """
 
     def __init__(self, drive: Drive, readings: int, swing: float) -> None:
-        """Prepare, with everything compiled, so that no cycle waits for that.
+        """Prepare the model and compile it, so that no cycle has to wait for that.
 
-        A sensor may be dead after so many equal `readings`, and must show a `swing` of
-        the predicted torque [N m].
+        The sensor counts as dead after `readings` equal values, during which the
+        predicted torque has changed by `swing` [N m].
         """
         self._model = CableModel(drive)
         time = 1.0  # time constant of the averages of both torques [s]
@@ -53,7 +53,7 @@ class TorqueSensor:
         return self._is_dead(torque, predicted) or self._is_reversed(torque, predicted)
 
     def _predicted(self, motor: float, joint: float) -> float:
-        """Return the torque of the cables at the joint after a step [N m]."""
+        """Return the cables' torque at the joint for angles of both ends [N m]."""
         model = self._model
         model.ready(np.array([motor]))
         return _predict_torque(model.models[0], motor, joint, model.drive.period)
@@ -98,7 +98,10 @@ class TorqueSensor:
 
 @compiled
 def _predict_torque(model: Model, motor: float, joint: float, dt: float) -> float:
-    """Move cables by both ends; return their torque at the joint [N m]."""
+    """Move both ends of the model's cables; return their torque at the joint [N m].
+
+    `motor` and `joint` are angles [rad], `dt` is the time step [s].
+    """
     cables, state, new = model.cables, model.state, model.new
     stepper.move(cables, state, motor, joint, dt, new, model.work)
     state[:] = new
@@ -107,7 +110,7 @@ def _predict_torque(model: Model, motor: float, joint: float, dt: float) -> floa
 
 @dataclass(frozen=True)
 class Watchdog:
-    """Longest times that something may be amiss, in cycles in a row."""
+    """Consecutive cycles for which a fault may last before a run stops."""
 
     missed_readings: int = bounded(10, 1, 1e6, "cycles")  # without a new reading
     missed_deadlines: int = bounded(10, 1, 1e6, "cycles")
@@ -128,7 +131,7 @@ class Watchdog:
 
 
 class Watch:
-    """Watchdog of every cycle; it returns the reason to stop, in one sentence."""
+    """Checks of every cycle; they return a reason to stop, or None."""
 
     def __init__(
         self,
@@ -137,14 +140,14 @@ class Watch:
         drive: Drive,
         unmeasured: Sequence[str] | None = None,
     ) -> None:
-        """Begin with the first cycle.
+        """Start before the first cycle.
 
-        `unmeasured` are joints that wind the cables and that the rig does not measure;
-        all but the driven one by default.
+        `unmeasured` are joints that move the cables but that the rig does not measure;
+        by default all but the driven one.
 
         Raises:
-            CableError: Tension is limited, and the model cannot tell it, or the cables
-                have more to begin with.
+            CableError: Tension is limited, but the model cannot estimate it or starts
+                above the limit.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:
@@ -182,14 +185,14 @@ class Watch:
         self._twists = not (unmeasured or drive.one_way)
 
     def deadline(self, missed: int) -> str | None:
-        """Check the time after a number of skipped cycles."""
+        """Check for late cycles, after a number of `missed` ones."""
         self._late = self._late + missed if missed else 0
         if self._late < self._watchdog.missed_deadlines:
             return None
         return f"the host was late: {self._late} cycles in a row were missed."
 
     def reading(self, found: Readings | None, torque: float, now: float) -> str | None:
-        """Check the sensors after a motor torque [N m], at `now` [s]."""
+        """Check a reading after a motor torque [N m], at the time `now` [s]."""
         if found is None:
             self._without += 1
             if self._without < self._watchdog.missed_readings:
@@ -217,10 +220,10 @@ class Watch:
         )
 
     def transmission(self, found: Readings, wound: Mapping[str, float]) -> str | None:
-        """Look at what motor and joint show together, through the cables.
+        """Check that motor and joint agree, by the model of the cables between them.
 
-        `reading` found no fault; `wound` has `WINDING_COLUMNS` of cables that pull no
-        round pulley. Models of cables are of one, see `control.as_round_pulley`.
+        `found` has passed `reading`; `wound` has `WINDING_COLUMNS` of cables without a
+        round pulley, as the model has one, see `control.as_round_pulley`.
         """
         motor, angle, torque = found.motor_angle, found.joint_angle, found.joint_torque
         if wound:

@@ -393,7 +393,7 @@ def is_package_object(given: object) -> bool:
 
 
 def user_classes(given: object) -> tuple[str, ...]:
-    """Return `MODULE:NAME` of an object's class and its fields', if not this package's."""
+    """Return `MODULE:NAME` of each class in an object that is not of this package."""
     kind = type(given)
     found = [] if is_package_object(given) else [f"{kind.__module__}:{kind.__name__}"]
     if dataclasses.is_dataclass(given):

@@ -116,7 +116,7 @@ class Pace:
 
 
 def _interpolate(name: str, speed: float) -> float:
-    """Return a number of the speed classes at a speed [m/s], log-log linear in between."""
+    """Return a number of the speed classes at a speed [m/s], interpolated log-log."""
     x, y = np.log(_SPEED_CLASSES["speed"]), np.log(_SPEED_CLASSES[name])
     here = np.log(speed / WEARER_HEIGHT)
     left = int(np.clip(np.searchsorted(x, here) - 1, 0, x.size - 2))

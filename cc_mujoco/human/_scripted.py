@@ -159,7 +159,7 @@ class Multisine(Scripted):
 
 
 def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) -> Array:
-    """Return the sum over lines of weight cos(line turn + phase), at each angle `turn`."""
+    """Return the sum of weight cos(line turn + phase) over lines, at each `turn`."""
     total = np.zeros_like(turn)
     for line, weight, phase in zip(lines, weights, phases, strict=True):
         total += weight * np.cos(line * turn + phase)

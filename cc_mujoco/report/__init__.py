@@ -1,4 +1,4 @@
-"""Parts of every report: figures, tables in Markdown, pages of HTML, whole files."""
+"""Parts of reports: figures, Markdown tables, HTML elements and pages."""
 
 import lazy_loader
 

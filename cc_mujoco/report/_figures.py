@@ -6,8 +6,8 @@
         axes.plot(time, torque, color=BLUE)
         axes.set(title="Torque", xlabel="time [s]", ylabel="torque [N m]")
 
-No display is needed and no global state is touched. Axes take their looks when they are
-made, so making and drawing both belong inside `style`.
+No display is needed and no global state is changed. Axes read the style when they are
+made, lines when they are drawn, so that both belong inside `style`.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ SOFTWARE_TAG = "cc_mujoco"
 
 
 def style() -> AbstractContextManager[None]:
-    """Return a context in which axes are made and drawn in this package's style."""
+    """Return a context in which Matplotlib makes and draws axes in this style."""
     from matplotlib.style import context
 
     return context(Path(__file__).with_name("figures.mplstyle"))
 
 
 def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of this size [inch], laid out by constraints."""
+    """Return an empty figure of this size [inch] with constrained layout."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -55,14 +55,14 @@ def figure(width: float, height: float) -> Figure:
 
 
 def set_ticks(axis: Axis, values: Iterable[float]) -> None:
-    """Mark just these values on an axis, as plain numbers even if it is logarithmic."""
+    """Set the ticks of an axis to `values`, as plain numbers on log scales too."""
     values = list(values)
     axis.set_ticks(values, [f"{value:g}" for value in values])
     axis.set_ticks([], minor=True)
 
 
 def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -> None:
-    """Write a figure as PNG, whole or not at all."""
+    """Write a figure to a PNG file, atomically."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.image import imsave
@@ -79,7 +79,7 @@ def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether `save` wrote this file."""
+    """Return whether `save` wrote this file, by the software named in the PNG."""
     from PIL import Image
 
     try:
@@ -90,7 +90,7 @@ def is_ours(path: Path) -> bool:
 
 
 def figure_path(text: str) -> Path:
-    """Return where a script shall save its figure; a `type` of `argparse`.
+    """Return the path at which a script saves its figure; a `type` of `argparse`.
 
     Raises:
         argparse.ArgumentTypeError: It is a folder, or a file that `save` did not write.

@@ -1,7 +1,6 @@
-"""A page of HTML that needs nothing but itself: style and pictures are inside it.
+"""Self-contained HTML pages, with style and pictures inside.
 
-Functions take text as people wrote it and escape it; what they return is `Html`, which
-is put into other elements as it is.
+Functions escape plain text. They return `Html`, which other functions do not escape.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
 
 class Html(str):
-    """Text that is HTML already."""
+    """Text that is HTML, and is not escaped again."""
 
 
 Content = str | Html
@@ -27,7 +26,8 @@ Content = str | Html
 def element(name: str, *content: Content, **attributes: str) -> Html:
     """Return an element with its content, escaped unless it is `Html`.
 
-    A trailing underscore of an attribute's name is dropped: `class_`.
+    Underscores in names of attributes become hyphens; one at the end is dropped
+    (`class_`).
     """
     inside = "".join(map(_html, content))
     return Html(f"<{name}{_attributes(attributes)}>{inside}</{name}>")
@@ -38,7 +38,7 @@ def join_pieces(parts: Iterable[Content], between: Content = "") -> Html:
 
 
 def paragraph(*content: Content, kind: str = "") -> Html:
-    """Return a paragraph, of a class of the style sheet if it has one."""
+    """Return a paragraph, of the style sheet's class `kind` if that is not empty."""
     return element("p", *content, **({"class_": kind} if kind else {}))
 
 
@@ -47,7 +47,7 @@ def bullet_list(items: Iterable[Content], ranked: bool = False) -> Html:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
-    """Return a table that scrolls sideways by itself where the page is narrow."""
+    """Return a table that scrolls sideways on its own if the page is too narrow."""
     top = element("thead", element("tr", *(element("th", each) for each in head)))
     lines = (element("tr", *map(_cell, row)) for row in rows)
     whole = element("table", top, element("tbody", *lines))
@@ -55,19 +55,19 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
 
 
 def _cell(content: Content) -> Html:
-    """Return a cell of a table; a number with its sign or power is not broken."""
+    """Return a cell of a table; numbers get a class that keeps them on one line."""
     if re.fullmatch(r"[-\d.]+(e[-+]?\d+)?", content):
         return element("td", content, class_="number")
     return element("td", content)
 
 
 def inline_markdown(text: str) -> Html:
-    """Return a text whose `code` and *emphasis* are elements."""
+    """Return a text in which `code` and *emphasis* are HTML elements."""
     return Html(re.sub(r"`([^`]+)`|\*([^*]+)\*", _marked, escape(text)))
 
 
 def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
-    """Return a table of at most five rows and six columns, all of it folded."""
+    """Return the first five rows and six columns; a larger table follows, collapsed."""
     rows = list(rows)
     if len(rows) <= 5 and len(head) <= 6:
         return table(head, rows)
@@ -77,36 +77,36 @@ def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
 
 
 def folded(title: Content, *content: Content) -> Html:
-    """Return content below a title that opens it; on paper it is open."""
+    """Return `content` collapsed below a title; a click opens it, and printing does."""
     return element("details", element("summary", title), *content)
 
 
 def share_bar(part: float) -> Html:
-    """Return a bar as long as a share of 1; nothing for a negative one."""
+    """Return a bar whose length is `part` of the full width, limited to 0 to 1."""
     width = 100.0 * min(1.0, max(0.0, part))
     bar = element("span", style=f"width:{width:.1f}%")
     return element("span", bar, class_="bar", aria_hidden="true")
 
 
 def embed_picture(path: Path, words: str) -> Html:
-    """Return a PNG file embedded in the page, with alternative text."""
+    """Return a PNG file embedded in the page; `words` are caption and alternative."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
     given = _attributes({"src": f"data:image/png;base64,{data}", "alt": words})
     return element("figure", Html(f"<img{given}>"), element("figcaption", words))
 
 
 def scrolled(picture: Html) -> Html:
-    """Return a picture that keeps its size and scrolls where the page is narrow."""
+    """Return a picture that keeps its size and scrolls sideways on a narrow page."""
     return element("div", picture, class_="wide whole")
 
 
 def illustrated(part: Html | None, *pictures: Html) -> Html | None:
-    """Return a part with pictures below; None without the part."""
+    """Return `part` with pictures below it; None if it is None."""
     return None if part is None else join_pieces([part, *pictures])
 
 
 def sections(titles: Mapping[str, str], parts: Mapping[str, Content]) -> Html:
-    """Return links to parts of a page, and then each part below its title."""
+    """Return the parts as sections with headings, after a list of links to them."""
     links = [element("a", titles[key], href=f"#{key}") for key in parts]
     blocks = [
         element("section", element("h2", titles[key]), part, id=key)
@@ -123,12 +123,12 @@ def page(
     scripts: Sequence[str] = (),
     data: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Return the whole page.
+    """Return a complete HTML page.
 
-    `kind` is the class of the body, which sets the colour of the verdict, and `style` a
-    sheet that adds to the common one. `scripts` are run in this order; without, the
-    page may run none. `data` is JSON for them, by the id of the element that will hold
-    it.
+    `kind` is the class of the body, which sets the colour of the verdict, and `style`
+    is CSS in addition to the common style sheet. `scripts` are JavaScript, run in this
+    order; without any the page may run none. `data` is JSON for them, by the id of the
+    element that holds it.
     """
     held = [
         Html(
@@ -151,7 +151,7 @@ def page(
 
 
 def list_words(words: Iterable[str], last: str = "and") -> str:
-    """Return the words as a sentence lists them: `a, b and c`."""
+    """Return the words listed as in a sentence: `a, b and c`."""
     words = list(words)
     if len(words) < 2:
         return "".join(words)

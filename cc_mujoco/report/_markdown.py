@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 def table(
     head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
 ) -> str:
-    """Return a table, as lines without the last line's end.
+    """Return a table in Markdown, without a final newline.
 
-    Columns of `numbers` are set flush right.
+    Columns whose indices are in `numbers` are aligned right.
     """
     right = set(numbers)
     rule = "|".join("---:" if k in right else "---" for k in range(len(head)))

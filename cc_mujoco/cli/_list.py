@@ -109,10 +109,7 @@ def _groups() -> dict[str, Mapping[str, str]]:
 def _matching(
     groups: Mapping[str, Mapping[str, str]], word: str
 ) -> dict[str, Mapping[str, str]]:
-    """Return the entries of each group whose name contains `word`.
-
-    If there are none, return those whose meaning has it as a word.
-    """
+    """Return the entries whose name has `word` or, if none has, whose meaning."""
     part = re.escape(word)
     # A word, as `foo` is no foot; its plural is the same word.
     for looked_at, pattern in enumerate((part, rf"(?<!\w){part}(s|es)?(?!\w)")):

@@ -42,11 +42,7 @@ def commands() -> dict[str, EntryPoint]:
 
 
 def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
-    """Return the command with its options; exit after printing help.
-
-    Raises:
-        CableError: The arguments are none of a command.
-    """
+    """Return the command with its options; exit after printing help."""
     parsed: Any
     about: str | None = None
     if arguments and not arguments[0].startswith("-"):

@@ -21,10 +21,7 @@ def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
 def axis_columns(
     columns: Mapping[str, Any], prefix: str, prefixes: Sequence[str]
 ) -> Mapping[str, Any]:
-    """Return the columns of the axis with `prefix`, without it, and those of no axis.
-
-    `prefixes` are those of all axes of the device.
-    """
+    """Return one axis's columns without their `prefix`, and those of no axis."""
     if not prefix:
         return columns
     every, size = tuple(prefixes), len(prefix)
@@ -40,9 +37,6 @@ def split_by_axis(text: str, names: Iterable[str]) -> str | dict[str, str]:
 
     A text that names no axis is returned unchanged. `hip=sine:0.3,frequency=2` is one
     value: after a colon, `NAME=NUMBER` belongs to it.
-
-    Raises:
-        CableError: An axis is unknown or named twice.
     """
     known, last = tuple(names), ""
     found: dict[str, str] = {}

@@ -31,11 +31,7 @@ def is_device_file(source: str | Path) -> bool:
 
 
 def locate(source: str | Path) -> tuple[str, Path, Path | None]:
-    """Return name, path of the scene and path of the description, None without one.
-
-    Raises:
-        CableError: No built-in device or readable file has this name.
-    """
+    """Return name, path of the scene and path of the description, None without one."""
     if not isinstance(source, str | Path):
         raise CableError(
             f"device must be a name, the path of a file or a Device, not {source!r}."
@@ -94,11 +90,7 @@ def hysteresis_of(table: Table) -> dict[str, Parameters]:
 def write_hysteresis(
     path: str | os.PathLike[str], axis: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Write the parameters of an axis from `control.fit_hysteresis` to a new file.
-
-    Raises:
-        CableError: The file exists.
-    """
+    """Write the parameters of an axis from `control.fit_hysteresis` to a new file."""
     place = Path(path)
     if place.exists():
         raise CableError(

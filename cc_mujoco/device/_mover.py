@@ -1,7 +1,4 @@
-"""Actuators of the motors and of the wearer, in units of their joints.
-
-Their gears, gains and control ranges are converted here.
-"""
+"""Actuators of motors and wearer: impedance, control and limits at their joints."""
 
 from __future__ import annotations
 
@@ -66,10 +63,7 @@ class Mover(NamedTuple):
         return np.clip(aim, self.low, self.high)
 
     def impose(self, actuator: Any, wearer: Wearer) -> Mover:
-        """Write another impedance into an actuator of a model or a specification.
-
-        The control keeps its scale. Return the mover with that impedance.
-        """
+        """Write another impedance into an actuator; its control keeps its scale."""
         share = self.gear * self.gear
         gain = wearer.stiffness / share
         # The control keeps its meaning.

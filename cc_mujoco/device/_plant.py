@@ -371,11 +371,7 @@ class Plant:
                 )
 
     def _pulley_inertias(self) -> list[tuple[str, float, list[tuple[float, float]]]]:
-        """Return joint, inertia and radii of each pulley.
-
-        The inertia is the scene's [kg m^2], 0 where unknown. Each cable has two radii
-        [m], one of the scene and one of the plant.
-        """
+        """Return joint, inertia [kg m^2] and old and new radii [m] of each pulley."""
         scene, found = self.scene, []
         for axis in self.description.axes:
             discs = (axis.drum, axis.motor_pulley), (axis.joint, axis.joint_pulley)

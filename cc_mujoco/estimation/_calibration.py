@@ -266,10 +266,7 @@ class _Model:
         )
 
     def sentence(self, shares: FloatArray) -> str:
-        """Return a sentence that names an undetermined combination of parameters.
-
-        `shares` (free,) is a direction of unit length in their logarithms.
-        """
+        """Return a sentence on an undetermined direction (free,) of logarithms."""
         sizes = np.abs(shares)
         powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
         parts = [

@@ -83,9 +83,9 @@ def run_equations(
     """Compute the information of the readings of one instant, with levels eliminated.
 
     `value` (p,) are the present parameters, `reading` (m,) the tensions of the sensors
-    [N], `sign` (n,) the slip of the segments, -1, 0 or 1. The results are in
-    `equations.information` and `target`. Return the sum of squares of all right sides,
-    and the number of independent equations.
+    [N], `sign` (n,) the slip of the segments, -1, 0 or 1. Fill `information` and
+    `target` of `equations`; return the sum of squares of all right sides, and the
+    number of independent equations.
     """
     _, _, _, rows, right, _, information, target = equations
     information[:] = 0.0
@@ -115,10 +115,7 @@ def _part_equations(
     value: FloatArray,
     reading: FloatArray,
 ) -> int:
-    """Write the equations of one moving part; return their number.
-
-    They go to `rows` and `right` of `equations`.
-    """
+    """Write the equations of one moving part; return their number."""
     design, nodes, noise, rows, right, clear, _, _ = equations
     count, most = 0, -np.inf
     for j in range(nodes.size):  # logarithm of the profile, for a start

@@ -37,12 +37,7 @@ def checked_sample(
     segments: int,
     leading: tuple[int, ...] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings (*leading, m) and directions of slip (*leading, n), checked.
-
-    Raises:
-        CableError: Another shape, a reading that is not finite, or a direction other
-            than -1, 0 or 1.
-    """
+    """Return readings (*leading, m) and directions of slip (*leading, n), checked."""
     tensions = numbers("reading", reading, (*leading, sensors), MAX_FORCE, "N")
     sign = numbers("direction", direction, (*leading, segments))
     if not np.all((sign == 0.0) | (np.abs(sign) == 1.0)):

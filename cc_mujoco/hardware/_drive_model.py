@@ -99,10 +99,7 @@ class Windings:
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> list[dict[str, float]]:
-        """Return `WINDING_COLUMNS` of each axis, {} on a round pulley or if unknown.
-
-        `angles` [rad] and `velocities` [rad/s] are those of the axes' joints.
-        """
+        """Return each axis's `WINDING_COLUMNS`, {} on a round pulley or if unknown."""
         found: list[dict[str, float]] = [{} for _ in self._windings]
         for own, each in zip(found, self._windings, strict=True):
             if each is not None:

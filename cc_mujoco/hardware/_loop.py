@@ -317,11 +317,7 @@ class Loop:
     def _log_without_control(
         self, before: Sequence[float], torques: Sequence[float]
     ) -> None:
-        """Log readings that no controller received, unless one is not finite.
-
-        `before` are the torques during the readings, `torques` the commands that follow
-        [N m].
-        """
+        """Log finite readings that no controller received, as during a stop."""
         if self._axes[0].fresh is None:
             return
         rows = []

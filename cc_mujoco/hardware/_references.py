@@ -92,11 +92,7 @@ class Virtual:
 
     @classmethod
     def named(cls, name: str) -> Virtual:
-        """Return a named virtual environment.
-
-        Raises:
-            CableError: It depends on a gait or commands an angle, or is none.
-        """
+        """Return a named virtual environment; refuse a gait or commanded angle."""
         found = task(name)
         if found.about_reference or found.commands_angle:
             raise CableError(

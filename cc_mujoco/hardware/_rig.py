@@ -265,11 +265,7 @@ class DriveRig:
     """
 
     def __init__(self, drive: MotorDrive, joint: Rig, gear: float, zero: float) -> None:
-        """Combine a drive and the rig at the joint; nothing is sent yet.
-
-        `gear` is turns of the drive's encoder per turn of the motor, `zero` the motor's
-        angle where the encoder reads 0 [rad].
-        """
+        """Combine a drive, `zero` in rad, with the rig at the joint; send nothing."""
         self._drive, self._joint = drive, joint
         self._gear, self._zero = gear, zero
         self._motor: MotorState | None = None

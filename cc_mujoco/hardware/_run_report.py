@@ -71,10 +71,7 @@ def write_run_report(run: ReportedRun) -> Path:
 def _errors(
     time: Array, rows: Mapping[str, Array], limits: Limits
 ) -> tuple[float, float]:
-    """Return the RMS torque error and the RMS desired torque [N m].
-
-    Both are taken after the soft start, if the run was longer.
-    """
+    """Return the RMS torque error after the soft start, and the goal's RMS [N m]."""
     desired = rows["desired_torque_nm"]
     counted = np.isfinite(desired) & (time >= limits.soft_start)
     if not counted.any():
@@ -100,10 +97,7 @@ def _touched(run: ReportedRun) -> list[str]:
 def _sentence(
     run: ReportedRun, duration: float, errors: tuple[float, float], axis: str
 ) -> str:
-    """Return a sentence on what ran, the torque error and the limits that were reached.
-
-    `errors` are those of `_errors`, `duration` is in s.
-    """
+    """Return a sentence on what ran, the torque error and limits that were reached."""
     reason = run.outcome.sentence.rstrip(".")
     if run.outcome.code:
         return f"{run.what} ended after {duration:.3g} s: {reason}."

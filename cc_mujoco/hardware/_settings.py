@@ -342,7 +342,7 @@ def _require_value(table: Table, key: str, value: Any) -> Any:
 
 
 def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
-    """Return the numbers of a table, whose keys are fields of `kind`, but no `others`."""
+    """Return the numbers of a table with fields of `kind` as keys, except `others`."""
     names = [field.name for field in dataclasses.fields(kind)]
     table.only(*names)
     given = {name: table.number(name) for name in names if name not in others}
@@ -386,10 +386,7 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
 
 
 def require_distinct(pair: str, one: Table, other: Table) -> None:
-    """Refuse two axes whose commands would reach the same motor.
-
-    `pair` names both in the error.
-    """
+    """Refuse two axes, named by `pair`, whose commands would reach the same motor."""
     if one.content == other.content:
         raise CableError(
             f"{pair} have the same rig; give each its own address, or keys, in its "

@@ -98,10 +98,7 @@ class TorqueSensor:
 
 @compiled
 def _predict_torque(model: Model, motor: float, joint: float, dt: float) -> float:
-    """Move both ends of the model's cables; return their torque at the joint [N m].
-
-    `motor` and `joint` are angles [rad], `dt` is the time step [s].
-    """
+    """Move cables to angles of both ends [rad]; return their joint torque [N m]."""
     cables, state, new = model.cables, model.state, model.new
     stepper.move(cables, state, motor, joint, dt, new, model.work)
     state[:] = new

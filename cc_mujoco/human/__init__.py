@@ -1,7 +1,4 @@
-"""The scripted human: motion and impedance of the joint, and tasks of the device.
-
-A task gives the torque or the angle that the device should render at the joint.
-"""
+"""The scripted human: motion and impedance of joints, and tasks of the device."""
 
 from typing import Any
 

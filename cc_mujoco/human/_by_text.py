@@ -360,10 +360,7 @@ def _object(
     base: type[Any],
     wrap: Callable[[str, Any], Any],
 ) -> Any:
-    """Return `given` if it is a `base`; else the object of `MODULE:NAME`, from `wrap`.
-
-    A class or function is called first. None means the text is a name of `registry`.
-    """
+    """Return `given` or the object of its `MODULE:NAME`; None if it is a name."""
     if isinstance(given, base):
         return given
     if not isinstance(given, str):

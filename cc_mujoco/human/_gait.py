@@ -135,10 +135,7 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
 
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:
-    """Return whether a joint's range needs the gait's angles negated, and a shift.
-
-    `ends` are the ends of the range [rad]; the shift is added to the angles [rad].
-    """
+    """Return whether a range needs the gait's angles negated, and a shift [rad]."""
     # The largest excursion at any speed
     angles = 1.1 * GAIT_ANGLES[part](np.linspace(0.0, 1.0, 2001))
     least, most = float(angles.min()), float(angles.max())

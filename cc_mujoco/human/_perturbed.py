@@ -74,10 +74,7 @@ class Perturbed(Disturbed):
         return bumps
 
     def _bump(self, since: Array) -> Array:
-        """Return angle, velocity and acceleration of a bump of size 1 (3, n).
-
-        `since` is the time since its start (n,) [s].
-        """
+        """Return a bump of size 1 with two derivatives (3, n); `since` in s."""
         x = np.clip(since / self.width, 0.0, 1.0)
         y, slope = x * (1.0 - x), 1.0 - 2.0 * x
         bend = 6.0 * y * (slope**2 - y) / self.width**2

@@ -185,10 +185,7 @@ def _fade_in(
     carrier: tuple[Array, Array, Array],
     phase: Array,
 ) -> Motion:
-    """Return the motion of a carrier times amplitude times a minimum-jerk step.
-
-    `carrier` has its values and two derivatives at each time [1, 1/s, 1/s^2].
-    """
+    """Return the motion of a carrier (with two derivatives) that fades in."""
     size, fade = owner.amplitude, owner.fade
     step, (value, rate, curvature) = minimum_jerk(time / fade), carrier
     growth, bend = step.rate / fade, step.curvature / fade**2
@@ -366,10 +363,7 @@ class Reversals(Scripted):
 def _join_moves(
     time: Array, duration: float, moves: list[tuple[float, float, float]]
 ) -> Motion:
-    """Return the motion of moves (start [s], duration [s], target [rad]), from angle 0.
-
-    Each move must end before the next starts.
-    """
+    """Return the motion of moves (start [s], span [s], target [rad]), from angle 0."""
     starts, spans, targets = np.array(moves).T
     index = np.searchsorted(starts, time, side="right") - 1
     ends = np.append(0.0, targets)[index], targets[index]
@@ -380,10 +374,7 @@ def _join_moves(
 def _moves(
     time: Array, start: Array, span: Any, ends: tuple[Array, Array], phase: Array
 ) -> Motion:
-    """Return minimum-jerk moves between `ends` (two angles at each time [rad]).
-
-    Each begins at `start` and lasts `span` [s].
-    """
+    """Return minimum-jerk moves between `ends` [rad], from `start`, in `span` [s]."""
     extent = ends[1] - ends[0]
     step = minimum_jerk((time - start) / span)
     velocity, bent = extent * step.rate / span, extent * step.curvature / span**2
@@ -503,10 +494,7 @@ class Walk(Scripted):
 
 
 class _Leg(NamedTuple):
-    """Progress of one leg at each time (n + 1,).
-
-    It has its phase, the phase of the measured walk, and two time derivatives of that.
-    """
+    """Phase of a leg (n + 1,), that of the measured walk, and two derivatives of it."""
 
     phase: Array
     measured: Array

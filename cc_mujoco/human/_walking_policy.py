@@ -101,10 +101,7 @@ class WalkingPolicy:
         return angle, rate, torque
 
     def table(self) -> Array:
-        """Return control of hip, knee, ankle, and push-off of the ankle (rows, 4).
-
-        Rows are 512 equally spaced phases of the gait cycle, entries torques [N m].
-        """
+        """Return torques of hip, knee, ankle, push-off [N m], by phase (512, 4)."""
         angle, rate, torque = self.desired(np.arange(512) / 512)
         control = self.stiffness * angle + self.damping * rate + torque
         return np.column_stack((control, torque[:, 2]))

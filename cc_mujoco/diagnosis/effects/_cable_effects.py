@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cc_mujoco.cable._cable import MAX_SPRING_LOSS
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
@@ -341,6 +342,79 @@ class ClampCreep:
             sizes["clamp_force"] = values["clamp_force"]
             made.append(cable.replace(**sizes))
         return tuple(made)
+
+
+class Clearance:
+    """Clearance of the conduit: slack cable lies at the outer wall of its bends."""
+
+    equation = "path -= c theta T / (T + T_c), stiffness at T_0 as before"
+    source = "geometry of a cable in a wider conduit"
+    where = "conduit"
+    needs = (
+        "like motions at two pretensions, for clearance falls with pretension and play "
+        "does not; and the conduit laid straight, which leaves only the rope's bedding"
+    )
+    confused_with = ("cable_stiffening", "backlash", "end_compliance")
+
+    def parameters(self) -> list[Size | Shape]:
+        taken = "tension at which half of the clearance is taken up"
+        return [
+            Size("clearance", "m", 5e-4, "play of the cable across it", 0.0, 0.01),
+            Shape("seating_tension", "N", [2.0, 5.0, 12.0, 30.0], 0.5, 200.0, taken),
+        ]
+
+    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
+        size, half = values["clearance"], values["seating_tension"]
+        found = []
+        for cable in cables:
+            seated = cable.wrap * half / (cable.pretension + half) ** 2
+            soft = size * seated * cable.axial_stiffness / cable.length
+            # A tenth of the compliance at rest, or more, is not clearance.
+            stiff = cable.axial_stiffness / max(1.0 - soft, 0.1)
+            found.append(
+                cable.replace(
+                    axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
+                    clearance=size,
+                    seating_tension=half,
+                )
+            )
+        return tuple(found)
+
+
+class SoftAnchor:
+    """Textile or skin that holds the cables' ends at the joint, with hysteresis."""
+
+    equation = "u_d += C ln(1 + h T_d) / h, less of it on the way back"
+    source = "Fung, Am. J. Physiol. 213, 1967; Yandell et al., JNER 14:40, 2017"
+    where = "conduit"
+    needs = (
+        "slow loads up to the largest and back to none, several sizes: the loop grows "
+        "with the load and not with the speed, and stays with the motor clamped"
+    )
+    confused_with = ("end_compliance", "cable_stiffening", "presliding")
+    generalises = ("end_compliance",)
+
+    def parameters(self) -> list[Size | Shape]:
+        given = "compliance of the anchor at the joint, slack"
+        stiffer, lost = "its hardening with the load", "share of work that it keeps"
+        return [
+            Size("anchor_compliance", "m/N", 1e-5, given, 0.0, 0.01),
+            Shape("anchor_hardening", "1/N", [3e-3, 0.03], 1e-4, 1.0, stiffer),
+            Shape("anchor_loss", "1", [0.1, 0.3], 0.0, MAX_SPRING_LOSS, lost),
+        ]
+
+    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
+        size = values["anchor_compliance"]
+        if size == 0.0:
+            return cables
+        spring = {
+            "end_hardening": values["anchor_hardening"],
+            "end_loss": values["anchor_loss"],
+        }
+        return tuple(
+            cable.replace(end_compliance=cable.end_compliance + size, **spring)
+            for cable in cables
+        )
 
 
 def _with_friction(cables: Cables, change: float) -> Cables:

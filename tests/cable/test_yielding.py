@@ -40,6 +40,7 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
     yielding, plain = state.copy(), state.copy()
     hold, drag = layout.constant_hold(prm, n), layout.constant_drag(prm, n)
     marched = prm[layout.CONSTANT_COULOMB] != 0.0
+    springs = [layout.HELD_PROXIMAL, layout.HELD_DISTAL]  # as before each step
     share = 1.0 if term == "static" else 0.5
     apart = []
     for u in zip(proximal[:60], distal[:60], strict=True):
@@ -47,7 +48,7 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
         held = np.maximum(layout.tensions(state, n)[[0, n]], 0.0)
         kernel.expect_yielding(prm, *yields)
         assert kernel.advance(prm, n, state, *u, 1e-3, yielding, work) == kernel.OK
-        assert np.array_equal(prm, before)
+        assert np.array_equal(np.delete(prm, springs), np.delete(before, springs))
         assert kernel.advance(prm, n, state, *yielding[:2], 1e-3, plain, work) == 0
         ours, theirs = (
             np.maximum(layout.tensions(x, n), 0.0) for x in (yielding, plain)

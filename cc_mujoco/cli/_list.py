@@ -36,6 +36,10 @@ class Listing:
     word of its meaning."""
 
     def run(self) -> None:
+        from cc_mujoco.native import _library as native_library
+
+        if not native_library.is_at_hand():
+            native_library.do_without()  # before anything imports MuJoCo
         from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._columns import DATASET_FILE
 
@@ -45,10 +49,6 @@ class Listing:
             example = Path(str(datasets.__file__)).with_name(DATASET_FILE)
             print(example.read_text(encoding="utf-8"))
             return
-        from cc_mujoco.native import _library as native_library
-
-        if not native_library.is_at_hand():
-            native_library.do_without()
         from cc_mujoco.device import find_device
         from cc_mujoco.device._device_files import is_device_file
 

@@ -8,13 +8,12 @@
     mine = gymnasium.make("cc_mujoco/Device-v1", device="knee.xml")
 
 `make_vec` simulates on a thread pool, or with `backend="warp"` in mujoco_warp, on a
-GPU if there is one; on a thread pool it equals a `SyncVectorEnv` of the single
-environments: bit for bit where the scene states its inertias, else to rounding.
-`DeviceEnv` states what is observed and rewarded, `IDS` the ids; `WalkingEnv` is a
-person who walks on the ground.
-`RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
-is what Stable-Baselines3 trains on, `RslRl(many)` what rsl_rl does, and `save_policy`
-keeps what they have learnt.
+GPU if there is one. On a thread pool it equals a `SyncVectorEnv` of single
+environments: bit for bit if the scene states its inertias, else to rounding.
+`DeviceEnv` states observations and rewards, `IDS` the ids; `WalkingEnv` is a person who
+walks on the ground. `RecordVideo(env, folder)` makes videos of 30 frames per second;
+`StableBaselines(many)` is an environment for Stable-Baselines3, `RslRl(many)` one for
+rsl_rl; `save_policy` saves the policies that they train.
 """
 
 import lazy_loader

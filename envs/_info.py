@@ -1,4 +1,4 @@
-"""An `info` whose columns are computed when it is first read."""
+"""A Gymnasium `info` dictionary whose values are computed on first access."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ _PENDING = object()
 
 
 class LazyInfo(dict[str, Any]):
-    """A dictionary that is filled when it is first read; what is set before, stays.
+    """Dictionary that is filled on first access; entries set before that are kept.
 
-    Until then one key has a placeholder: code in C, as that of `json`, looks at the
-    size of a dictionary before it asks for its items.
+    Until then one key has a placeholder: C code, such as that of `json`, checks the
+    size of a dictionary before it asks for items.
     """
 
     __slots__ = ("_given", "_make")
 
     def __init__(self, make: Callable[..., dict[str, Any]], *given: Any) -> None:
-        """Take what computes the entries of what is given, called at most once."""
+        """Take a function that returns the entries; it is called once with `given`."""
         self._make: Callable[..., dict[str, Any]] | None = make
         self._given = given
         dict.__setitem__(self, "time_s", _PENDING)

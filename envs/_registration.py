@@ -1,4 +1,4 @@
-"""Environments by the ids that Gymnasium knows them by."""
+"""Registration of the environments with Gymnasium, by id."""
 
 from __future__ import annotations
 

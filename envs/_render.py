@@ -1,4 +1,4 @@
-"""Pictures of a device, for `render_mode="rgb_array"`, and videos in real time."""
+"""Images of a device for `render_mode="rgb_array"`, and videos in real time."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"]}
 
 
 def frame_interval(period: float) -> int:
-    """Return the control steps of a period [s] from one picture to the next."""
+    """Return the number of control steps of `period` [s] between two images."""
     return max(1, round(1.0 / (RENDER_RATE * period)))
 
 
 def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
-    """Return a free camera that looks at the device from where MuJoCo's viewer does.
+    """Return a free camera on the device, in the direction of MuJoCo's viewer.
 
-    The device is what can move and, unless it is far larger (`MAX_SURROUNDINGS`), what
-    stands around it; floors are not part of it.
+    It shows what can move and, unless that is far larger (`MAX_SURROUNDINGS`), all
+    other geoms except floors.
     """
     mujoco.mj_kinematics(model, data)
     camera = mujoco.MjvCamera()
@@ -61,7 +61,7 @@ def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
 
 
 class Camera:
-    """Camera for pictures of poses, by OpenGL (`MUJOCO_GL=egl` without a display)."""
+    """Camera that draws poses by OpenGL (`MUJOCO_GL=egl` without a display)."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -81,7 +81,7 @@ class Camera:
         self._view = max(named, 0) if model.ncam else free_view(model, self._data)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Take a picture, (height, width, 3), of a pose (nq,)."""
+        """Return an image (height, width, 3) of a pose `qpos` (nq,)."""
         self._data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, self._data)
         self._renderer.update_scene(self._data, camera=self._view)
@@ -93,11 +93,11 @@ class Camera:
 
 
 class Film:
-    """The last picture of a simulation, which serves until the next is due.
+    """Last image of a simulation, which is returned again until the next is due.
 
-    Gymnasium requests one picture per control step. Most of those are too short for the
-    eye, and drawing takes far longer than simulating. Called again without a step in
-    between, it draws anew, for somebody may have moved the joints by hand.
+    Gymnasium requests an image per control step, more than the eye can see, and drawing
+    takes longer than a step. A second request in the same step draws anew, as a user
+    may have changed the joints.
     """
 
     def __init__(self, period: float) -> None:
@@ -106,30 +106,30 @@ class Film:
         self._picture: NDArray[np.uint8] | None = None
 
     def cut(self) -> None:
-        """Forget the last picture, for another episode begins."""
+        """Discard the last image, as at the start of an episode."""
         self._picture = None
 
     def picture(
         self, camera: Camera, qpos: NDArray[np.float64], step: int
     ) -> NDArray[np.uint8]:
-        """Return the picture (height, width, 3) of a control step or shortly before."""
+        """Return the image (height, width, 3) of a control step or shortly before."""
         if self._picture is None or not 0 < step - self._step < self._stride:
             self._picture, self._step = camera.picture(qpos), step
         return self._picture
 
 
 class SceneRenderer:
-    """Pictures of the devices of an environment, by one renderer that opens on demand.
+    """Images of an environment's devices, by one renderer that opens on demand.
 
-    They are drawn 30 times per simulated second; in between they are the last ones.
+    They are drawn 30 times per simulated second; in between the last ones are returned.
     """
 
     def __init__(
         self, model: mujoco.MjModel, mode: str | None, period: float, count: int = 1
     ) -> None:
-        """Begin with no picture of `count` devices in a `render_mode`.
+        """Prepare for `count` devices with one model, in a Gymnasium `render_mode`.
 
-        The model is that of all devices, the period the control step [s].
+        `period` is the control step [s].
         """
         self._model, self._mode = model, mode
         self._camera: Camera | None = None
@@ -138,9 +138,9 @@ class SceneRenderer:
     def render(
         self, poses: Iterable[NDArray[np.float64]], steps: Iterable[int]
     ) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture (height, width, 3) of every device, or None without a mode.
+        """Return an image (height, width, 3) of every device; None without a mode.
 
-        Each has a pose (nq,) and a control step.
+        `poses` has each device's `qpos` (nq,), `steps` its number of control steps.
         """
         if self._mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
@@ -163,11 +163,10 @@ def check_mode(mode: str | None) -> None:
 
 
 class RecordVideo(gymnasium.wrappers.RecordVideo[Any, Any]):
-    """Gymnasium's `RecordVideo` with 30 pictures a second, as players expect.
+    """Gymnasium's `RecordVideo` with 30 frames per second, in real time.
 
-    Gymnasium's own puts a picture for every control step into the file, a thousand a
-    second of them; it plays in real time too, but takes long to encode. All else, and
-    the arguments, are Gymnasium's; `video_length` counts pictures.
+    Gymnasium's own writes a frame per control step, a thousand per second, which takes
+    long to encode. Arguments are Gymnasium's; `video_length` counts frames.
     """
 
     def __init__(
@@ -181,7 +180,7 @@ class RecordVideo(gymnasium.wrappers.RecordVideo[Any, Any]):
         super().__init__(env, video_folder, **options)
 
     def start_recording(self, video_name: str) -> None:
-        """Start a new recording, with a picture at once."""
+        """Start a recording with a frame of the present state."""
         super().start_recording(video_name)
         self._asked = 0
 

@@ -28,7 +28,7 @@ except ModuleNotFoundError:
 
 
 class RslRl(VecEnv):  # type: ignore[misc]
-    """Vector environment of this package as rsl_rl's, on the CPU.
+    """Vector environment of this package for rsl_rl, on the CPU.
 
     Attributes:
         max_episode_length: Steps of an episode.
@@ -44,7 +44,7 @@ class RslRl(VecEnv):  # type: ignore[misc]
             seed: Seed of the first reset; see `DeviceVectorEnv.reset`.
 
         Raises:
-            CableError: If it is none, or resets itself.
+            CableError: If `env` is no `DeviceVectorEnv`, or resets itself.
         """
         own = env.unwrapped
         if not isinstance(own, DeviceVectorEnv) or own.mode is not (
@@ -74,11 +74,11 @@ class RslRl(VecEnv):  # type: ignore[misc]
     def step(
         self, actions: torch.Tensor
     ) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Step with actions (num_envs, num_actions); reset what is over.
+        """Step with actions (num_envs, num_actions); reset environments that end.
 
         Returns:
-            Observations, rewards, whether an episode is over, and `time_outs`: whether
-            it was no failure.
+            Observations, rewards, whether each episode ended, and `time_outs`: whether
+            it ended at its duration instead of by a failure.
         """
         given = actions.detach().cpu().numpy()
         self._seen, rewards, failed, truncated, _ = self.env.step(given)

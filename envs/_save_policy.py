@@ -1,4 +1,4 @@
-"""Policies that a library for training has learnt, as files."""
+"""Export of policies from training libraries to files."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ PLAIN_WRAPPERS = (
 
 
 def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
-    """Write the policy that an algorithm has learnt to a file.
+    """Write the policy of a trained model to a file.
 
     Args:
         model: Model of Stable-Baselines3 PPO, A2C, SAC, TD3 or DDPG with an
             `MlpPolicy`, trained on an environment of `gymnasium.make` or on
-            `StableBaselines`, inside of `VecNormalize` or not; or rsl_rl's
+            `StableBaselines`, with or without `VecNormalize`; or rsl_rl's
             `OnPolicyRunner` with an `MLPModel` on any wrapper of an environment of this
             package.
         path: Path of the file, `*.safetensors`; see `cc_mujoco.control.write_policy`.
 
     Raises:
-        CableError: If it is another algorithm, network or environment, or a wrapper
-            changes what the policy observes.
+        CableError: If algorithm, network or environment is not one of these, or a
+            wrapper changes the observations of the policy.
     """
     saved = _of_rsl_rl if hasattr(model, "alg") else _of_stable_baselines
     network, observed = saved(model)
@@ -45,7 +45,7 @@ def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
 
 
 def _observed(env: Any) -> tuple[Any, ...]:
-    """Return what the environment inside of wrappers observes of each axis."""
+    """Return the observation of each axis, from the environment inside of wrappers."""
     while env is not None and not isinstance(env, (DeviceEnv, DeviceVectorEnv)):
         if hasattr(env, "observed"):  # `StableBaselines` and `RslRl`
             return tuple(env.observed)
@@ -113,7 +113,7 @@ def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
 
 
 def _layers(policy: Any) -> tuple[list[Any], bool]:
-    """Return the layers from observation to action, and whether a tangent follows."""
+    """Return the layers from observation to action, and whether tanh follows."""
     from stable_baselines3.common.torch_layers import FlattenExtractor
 
     actor: Any = getattr(policy, "actor", None)

@@ -1,4 +1,4 @@
-"""One device as a Gymnasium environment."""
+"""Gymnasium environment of one device."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ._render import RENDER_METADATA, SceneRenderer, check_mode
 class DeviceEnv(
     DrivenEnvironment, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle
 ):
-    r"""A device that is driven by cables, with a wearer who moves.
+    r"""A device that is driven by cables, worn by a person who moves.
 
     `device` is the name of a built-in device, an MJCF file, the TOML file of a
     description or a `Device`. Ids of built-in devices, such as
@@ -45,24 +45,25 @@ class DeviceEnv(
 
     ## Observation space
 
-    `Box(-10, 10, (size,), float32)`: numbers of the size of 1, those of every axis in
-    turn. First comes a frame of what the axis can measure:
+    `Box(-10, 10, (size,), float32)`: scaled numbers of about 1, axis by axis. First
+    comes a frame of the measurements of an axis:
 
-    | | observation | counts as 1 |
+    | | observation | divided by |
     |-|-------------|-------------|
     | 0 | twist: angle of the motor / ratio - angle of the joint | device |
     | 1 | velocity of the motor / ratio | device |
     | 2 | angle of the joint | device |
     | 3 | velocity of the joint | device |
-    | 4 | what the desired torque exceeds that of the cables by | device |
+    | 4 | desired torque - measured torque of the cables | device |
     | 5 | desired torque | device |
     | 6, 7 | sine and cosine of the phase of the gait, where the device knows it | 1 |
 
-    The ratio is that of motor angle to joint angle, `Drive.ratio`. What friction does
-    depends on the past, which a frame does not know. With `memory=True` six numbers
-    follow in [-1, 1], the plays of `cc_mujoco.device._observation.Observed.memory`;
-    with `history=n` the last n frames, each followed by the action that was taken on
-    it, newest first. Before an episode there is its first frame, and no action.
+    The ratio is that of motor angle to joint angle, `Drive.ratio`; "device" is a scale
+    that the device sets. Friction depends on the past, which is not in a frame. With
+    `memory=True` six numbers follow in [-1, 1], the plays of
+    `cc_mujoco.device._observation.Observed.memory`; with `history=n` the last n frames,
+    each followed by the action that was taken on it, newest first. Frames before an
+    episode are its first, with actions of 0.
 
     ## Reward
 
@@ -75,12 +76,12 @@ class DeviceEnv(
     - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\);
     - `reward_smoothness` is \(-s\,\sum|a_k - a_{k-1}|\) over the control steps of
       that second, with the argument `smoothness` for \(s\), 0 by default, and
-      \(a_{-1} = 0\): how far the action goes to and fro, which is long where it
-      chatters and short where it follows a motion.
+      \(a_{-1} = 0\): the total variation of the action, which is large if it
+      chatters and small if it follows a motion.
 
-    With the default, an episode of T seconds has a return between -10.05 T and 0; the
-    controller `none`, which knows no friction, has -0.4 T to -3 T where the devices are
-    as they are made.
+    By default an episode of T seconds has a return between -10.05 T and 0. The
+    controller `none`, which ignores friction, has -0.4 T to -3 T on the built-in
+    devices.
 
     ## Info
 
@@ -95,31 +96,31 @@ class DeviceEnv(
     ## Start and end
 
     An episode starts at rest at the first pose of the trajectory, all cables at
-    pretension. What is random is drawn from `np_random`, so a seed determines an
-    episode: plant, noise, trajectory. It is truncated after `duration`, and terminated
+    pretension. Plant, noise and trajectory are drawn from `np_random`, so that a seed
+    determines an episode. It is truncated after `duration`, and terminated
     only if MuJoCo warns that the simulation has become unstable. Actions of another
     shape or not finite are a `CableError`.
 
     ## Randomisation
 
     `randomise={"friction": (0.05, 0.2), "wrap": (5, 9), "delay": (0, 3)}` draws a plant
-    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` sets what
-    it is in this one, instead of the draw. Names are
+    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` sets values
+    of this episode instead of drawing them. Names are
 
     - `wearer`: impedance, as a multiple of the scene's or that of `wearer`;
-    - `delay`: samples by which what is observed is late (whole, 0 to 1000);
-    - `noise`: of the torque that is observed, as a multiple of the device's sensor;
-      its bias, of twice that standard deviation, is drawn with it;
+    - `delay`: samples by which observations are late (whole, 0 to 1000);
+    - `noise`: of the observed torque, as a multiple of the device's sensor noise; a
+      bias, of twice that standard deviation, is drawn with it;
     - a number of a cable as in MJCF (`friction`, `static_friction`, `pretension`, ...),
       `break_away`, static over kinetic friction, or `wrap`, the bend of its whole
       conduit [rad]; of all cables, or of one by `CABLE.NAME`. Every cable draws its
-      own. Where route or path move with the body, the scene draws them.
+      own. Bends of a route or path that moves with the body follow from the scene.
 
     Numbers above 0 are drawn with a uniform logarithm, others uniformly. A third number
     is a probability: `"bristle_length": (1e-3, 1e-2, 0.3)` gives all cables presliding
-    in 30 % of the episodes, and in the others what the scene has. `drive` and `info`
-    have no delay and no noise: `drive` is the scene's, `info` the truth, and
-    `plant` what was drawn.
+    in 30 % of the episodes, and the scene's value in the others. `drive` describes the
+    scene and `info` the true state, both without delay and noise; `plant` has the drawn
+    values.
 
     ## Arguments
 
@@ -127,7 +128,7 @@ class DeviceEnv(
     |----------|---------|---------|
     | `device` | id | name, file or `Device` |
     | `trajectory` | device | the wearer's motion: a name, CSV file or `Trajectory` |
-    | `task` | device | what the wearer should feel: a name, a `Task`, or by axis |
+    | `task` | device | torque to be rendered: a name, a `Task`, or by axis |
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | device | physics steps from sample to sample, by default 1 kHz |
     | `wearer` | `None` | a `Wearer`; by default that of the scene |
@@ -136,11 +137,11 @@ class DeviceEnv(
     | `hold` | 1 | samples in a control step, for which an action is held |
     | `history` | 0 | earlier frames and actions in an observation |
     | `memory` | `False` | whether plays are observed |
-    | `randomise` | `None` | ranges of what differs from episode to episode |
+    | `randomise` | `None` | ranges of values that are drawn for each episode |
     | `smoothness` | 0 | reward lost by a change of the action by 1 |
 
-    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down where they go
-    further than the device lets them, and `TASKS`. The wearer's command changes with
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to the range of
+    the device, and `TASKS`. The wearer's command changes with
     every physics step.
     """
 
@@ -185,11 +186,11 @@ class DeviceEnv(
 
     @property
     def plant(self) -> Plant:
-        """Plant that this episode is played on."""
+        """Plant of this episode, with the values drawn for it."""
         return self._episodes.plants[0]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Return an environment at the same step of the same episode.
+        """Return a copy at the same step of the same episode.
 
         Raises:
             CableError: If `model` has been written to since it was loaded.
@@ -212,7 +213,7 @@ class DeviceEnv(
         return twin
 
     def beyond(self) -> str:
-        """Return what the task demands beyond the motor; see `WornDevice.beyond`."""
+        """Return a sentence if the task exceeds the motor; see `WornDevice.beyond`."""
         script = self._episodes.wiring.scripts[0]
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
@@ -225,7 +226,7 @@ class DeviceEnv(
         """Start an episode.
 
         Args:
-            seed: Seed of all that is random from now on.
+            seed: Seed of all random numbers from now on.
             options: Values of the plant, by name; see the class.
 
         Raises:
@@ -242,7 +243,7 @@ class DeviceEnv(
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Advance one control step with a motor torque.
+        """Advance one control step with an action; see the class.
 
         Raises:
             CableError: If the action is not of shape (axes,) and finite.
@@ -268,9 +269,9 @@ class DeviceEnv(
         } | dict(zip(REWARD_TERMS, terms, strict=False))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture of the device, (height, width, 3), in mode `rgb_array`.
+        """Return an image of the device, (height, width, 3), in mode `rgb_array`.
 
-        Drawn 30 times per simulated second; in between it is the last one again.
+        It is drawn 30 times per simulated second; in between the last is returned.
         """
         drawn = self._screen.render([self.data.qpos], self._episodes.samples)
         return None if drawn is None else drawn[0]

@@ -31,10 +31,10 @@ except ModuleNotFoundError:
 
 
 class StableBaselines(VecEnv):  # type: ignore[misc]
-    """Vector environments of this package, one or several, as Stable-Baselines3's."""
+    """One or several vector environments of this package, for Stable-Baselines3."""
 
     def __init__(self, *envs: DeviceVectorEnv) -> None:
-        """Put environments side by side.
+        """Join vector environments to one.
 
         Args:
             envs: Made with `autoreset_mode="SameStep"`; of equal spaces.
@@ -64,7 +64,9 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         super().__init__(int(self._ends[-1]), *spaces)
 
     def reset(self) -> NDArray[np.float32]:
-        """Start an episode in all of them, seeded and with options as the base class.
+        """Start an episode in every environment.
+
+        Seeds and options are those set by `seed` and `set_options` of the base class.
 
         Raises:
             CableError: If environments of one vector are given different options.
@@ -87,11 +89,11 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         return found
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions (num_envs, axes) of the next step."""
+        """Store the actions (num_envs, axes) of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Any]:
-        """Step; `infos` hold no more than Stable-Baselines3 needs."""
+        """Step with the stored actions; `infos` has only what the library needs."""
         parts = np.split(self._actions, self._ends[:-1])
         infos: list[dict[str, Any]] = []
         found = []
@@ -114,12 +116,12 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
             env.close()
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
-        """Return a picture of each (height, width, 3), or None without a mode."""
+        """Return an image of each device (height, width, 3), or None without a mode."""
         drawn = (env.render() or [None] * env.num_envs for env in self.envs)
         return list(itertools.chain.from_iterable(drawn))
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the vector environment that each one is in."""
+        """Return, for each environment, an attribute of its vector environment."""
         return [getattr(self.envs[i], attr_name) for i in self._places(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -137,7 +139,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]],
         indices: Any = None,
     ) -> list[bool]:
-        """None of them is."""
+        """Return False for each: single environments have no wrappers."""
         return [False for _ in self._places(indices)]
 
     def _places(self, indices: Any) -> list[int]:

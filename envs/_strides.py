@@ -1,7 +1,7 @@
 """Strides of a walking person: lengths, times and work.
 
-Work is that of the torques of the person's joints, without passive damping and stops;
-positive and negative power are added separately, by joint.
+Work is that of muscles at the joints, without passive damping and stops. Positive and
+negative work are summed separately for each joint.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Stride(NamedTuple):
-    """A stride, from a strike of the right heel to the next."""
+    """Measures of a stride, from one strike of the right heel to the next."""
 
     time: float
     """Duration [s]."""
@@ -45,12 +45,12 @@ class Stride(NamedTuple):
 
 
 def mean_stride(strides: Sequence[Stride]) -> Stride:
-    """Return the mean of strides, field by field."""
+    """Return the mean of each field over strides."""
     return Stride(*(np.mean(values, axis=0) for values in zip(*strides, strict=True)))
 
 
 class StrideMeter:
-    """Sum up work from strike to strike.
+    """Integrator of the work of each stride.
 
     Attributes:
         strides: strides that are complete.
@@ -68,10 +68,10 @@ class StrideMeter:
         self._ropes, self._motors = np.zeros(2), np.zeros(2)
 
     def add(self, person: Array, ropes: Array, motors: Array, period: float) -> None:
-        """Add power during a period [s].
+        """Add work: power during `period` [s].
 
-        It is that of the person's joints (legs, joints), of the ropes on the ankles and
-        of the motors (legs,) [W].
+        `person` is the power of the joints (legs, joints), `ropes` that of the ropes on
+        the ankles, `motors` that of the motors (legs,) [W].
         """
         self._work[0] += period * np.maximum(person, 0.0)
         self._work[1] += period * np.minimum(person, 0.0)
@@ -79,7 +79,7 @@ class StrideMeter:
         self._motors += period * np.maximum(motors, 0.0)
 
     def strike(self, leg: int, time: float, heels: Array) -> None:
-        """Take note of a foot that strikes the ground at a time [s].
+        """Record that a foot has struck the ground at `time` [s].
 
         The right `leg` is 0; `heels` are positions along the way (legs,) [m].
         """

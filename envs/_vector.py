@@ -1,4 +1,4 @@
-"""Many devices as one Gymnasium vector environment, in MuJoCo or mujoco_warp."""
+"""Gymnasium vector environment of many devices, in MuJoCo or mujoco_warp."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class DeviceVectorEnv(
 ):
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 
-    It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
-    single environments with the same arguments: seeds count up from the first, and what
-    becomes of an environment whose episode is over is Gymnasium's `AutoresetMode`. By
-    default the next step resets it and ignores its action (`NEXT_STEP`).
+    It equals, bit for bit and for any number of threads, a `SyncVectorEnv` of single
+    environments with the same arguments: seeds count up from the first, and Gymnasium's
+    `AutoresetMode` determines what happens after the end of an episode. By default the
+    next step resets that environment and ignores its action (`NEXT_STEP`).
 
-    With `backend="warp"` mujoco_warp takes the physics steps, in single precision;
-    plants, motions, sensors, rewards and infos are worked out as before.
+    With `backend="warp"` mujoco_warp takes the physics steps, in single precision.
+    Plants, motions, sensors, rewards and infos are computed as without it.
     `WarpWorlds.data` and `WarpWorlds.cables` have the arrays on Warp's device.
     """
 
@@ -160,14 +160,14 @@ class DeviceVectorEnv(
         """Start an episode in every environment, or in those of a mask.
 
         Args:
-            seed: Seed of the first environment; the others count up from it. Or one
-                each.
-            options: As in the single environment, for all that start. May hold a
+            seed: Seed of the first environment, from which the others count up; or one
+                for each.
+            options: As in the single environment, for all that start. May have a
                 `reset_mask` (num_envs,) of bool; `info` then describes these
                 environments only.
 
         Raises:
-            CableError: If an option is unknown or impossible, or the mask is none.
+            CableError: If an option is unknown or impossible, or the mask is invalid.
         """
         self.exo.require_timestep()
         options = dict(require_dictionary("options", options))
@@ -210,13 +210,13 @@ class DeviceVectorEnv(
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Singles, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Advance every environment one control step, or reset it if it is over.
+        """Advance every environment one control step, or reset it if it has ended.
 
         Raises:
-            CableError: If the actions are not of shape (num_envs, axes) and, where an
-                environment is not reset, finite.
-            gymnasium.error.ResetNeeded: Before the first reset, and where nothing
-                resets what is over.
+            CableError: If the actions are not of shape (num_envs, axes), or those of an
+                environment that is not reset are not finite.
+            gymnasium.error.ResetNeeded: Before the first reset, and after the end of an
+                episode with `autoreset_mode="Disabled"`.
         """
         if not self._was_reset:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
@@ -257,9 +257,9 @@ class DeviceVectorEnv(
         return found | {f"_{name}": over.copy() for name in found}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures of all devices, each (height, width, 3), in mode `rgb_array`.
+        """Return an image of each device, (height, width, 3), in mode `rgb_array`.
 
-        Drawn 30 times per simulated second; in between they are the last ones again.
+        They are drawn 30 times per simulated second; in between the last are returned.
         """
         poses = self.simulations.physics.qpos
         return self._screen.render(poses, self._episodes.samples)
@@ -278,9 +278,9 @@ class DeviceVectorEnv(
     def _info(
         self, terms: Array, described: NDArray[np.bool_] | None = None
     ) -> LazyInfo:
-        """Return an `info` of some environments: arrays and a mask for each.
+        """Return the `info` of the environments in a mask: arrays, and masks of them.
 
-        Nothing writes to the `terms` of the reward, (4, num_envs).
+        `terms` are those of the reward (4, num_envs), which must not be changed.
         """
         return LazyInfo(self._columns, self._episodes.snapshot(), terms, described)
 

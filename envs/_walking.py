@@ -42,12 +42,12 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     by evolution (`WalkingPolicy`, `scripts/train_walking.py`) moves hips, knees and
     ankles and keeps the balance.
 
-    People keep the whole torque of the ankle much as it was when an exoskeleton helps,
-    and give less of it themselves (P.-C. Kao, C. L. Lewis, D. P. Ferris, "Invariant
+    When an exoskeleton assists, people keep the total torque of the ankle much as it
+    was, and reduce their own part (P.-C. Kao, C. L. Lewis, D. P. Ferris, "Invariant
     ankle moment patterns when walking with and without a robotic ankle exoskeleton",
-    J. Biomechanics 43, 2010). So the person expects, for every part of the gait cycle,
-    the torque that the rope gave there, learnt from stride to stride, and subtracts
-    `adaptation` times as much. With `adaptation=0` the help comes on top.
+    J. Biomechanics 43, 2010). So the person learns, from stride to stride and for
+    every part of the gait cycle, the torque of the rope there, and subtracts
+    `adaptation` times as much. With `adaptation=0` assistance is added in full.
 
     ## Actions
 
@@ -59,12 +59,12 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
 
     `Box(-10, 10, (16,), float32)`, for the right leg and then the left:
 
-    | | observation | counts as 1 |
+    | | observation | divided by |
     |-|-------------|-------------|
     | 0, 1 | sine and cosine of the phase of the gait | 1 |
     | 2 | angle of the ankle | 0.2 rad |
     | 3 | velocity of the ankle | 2 rad/s |
-    | 4 | rope that the drum has wound, less what the ankle has left | 20 mm |
+    | 4 | rope wound by the drum minus rope released by the ankle | 20 mm |
     | 5 | velocity of the motor | 5 rad/s |
     | 6 | tension at the motor | 300 N |
     | 7 | force of the ground on the foot | weight of the body |
@@ -95,7 +95,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     |----------|---------|---------|
     | `transmission` | `"cable"` | a key of `TRANSMISSIONS` |
     | `cable` | `CABLE` | cable of each leg, with fixed bends |
-    | `adaptation` | 1 | part of the expected help that the person leaves out |
+    | `adaptation` | 1 | fraction of the expected torque that the person leaves out |
     | `policy` | ships | a `WalkingPolicy` or its file |
     | `duration` | 20 | length of an episode [s] |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
@@ -157,13 +157,13 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
 
     @property
     def phase(self) -> Array:
-        """Phase of the gait cycle of the legs (2,), 0 at heel strike."""
+        """Phase of the gait cycle of both legs (2,), 0 at heel strike."""
         return np.asarray(self.person.phase[0])
 
     def assistance(self, task: Task | None = None) -> NDArray[np.float32]:
-        """Return the action that gives a desired torque if nothing is lost.
+        """Return the action for a desired torque, without regard to friction.
 
-        In phases without help each motor follows its ankle with a slack rope.
+        In phases without assistance each motor follows its ankle with a slack rope.
 
         Args:
             task: desired torque of the ankle by phase, `PUSH_OFF` by default.
@@ -183,8 +183,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         """Start an episode.
 
         Args:
-            seed: seed of the part of the step in which the person starts.
-            options: none.
+            seed: seed of the fraction of a step at which the person starts.
+            options: must be None.
 
         Raises:
             CableError: If there are options.
@@ -198,7 +198,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Advance 4 ms with torques of the motors.
+        """Advance 4 ms with motor torques (2,), as shares of 15 N m.
 
         Raises:
             CableError: If the action is not of shape (2,) and finite.
@@ -275,7 +275,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         }
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture of the person, (height, width, 3), in mode `rgb_array`."""
+        """Return an image of the person, (height, width, 3), in mode `rgb_array`."""
         drawn = self._screen.render([self.data.qpos], [self._sample])
         return None if drawn is None else drawn[0]
 
@@ -285,7 +285,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
 
 
 def _walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
-    """Return the scene with the motors, and what joins them to the heel levers."""
+    """Return the scene with its motors, and with a transmission to the heel levers."""
     if cable.path != "guided" or cable.bend != "fixed":
         raise CableError(
             "the cable of a walking person is guided and has fixed bends; leave `path` "
@@ -312,7 +312,7 @@ def _walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
 
 
 class _Ropes:
-    """Ropes of both legs and their motors, by the way they are joined.
+    """Ropes and motors of both legs, for each of the `TRANSMISSIONS`.
 
     Attributes:
         dof: addresses of the motors' velocities (legs,).
@@ -338,12 +338,12 @@ class _Ropes:
         self._length = model.tendon_length0[self._ropes]
 
     def start(self, data: mujoco.MjData) -> None:
-        """Wind the drums to where the pose leaves the pretension."""
+        """Turn the drums so that the ropes are at pretension in the present pose."""
         mujoco.mj_fwdPosition(data.model, data)
         data.qpos[self._qpos] = (self._length - data.ten_length[self._ropes]) / DRUM
 
     def command(self, data: mujoco.MjData, torque: Array) -> None:
-        """Give torques of the motors (2,) [N m]."""
+        """Set the controls for motor torques (2,) [N m]."""
         if self._cabled:
             data.ctrl[self._drives] = torque
         elif self._hooked:
@@ -367,13 +367,13 @@ class _Ropes:
         return np.asarray(-force * data.ten_velocity[self._ropes])
 
     def wound(self, data: mujoco.MjData) -> Array:
-        """Return the rope on the drums less what the ankles have left (2,) [m]."""
+        """Return the length wound by the drums minus that the ankles gave (2,) [m]."""
         left = self._length - data.ten_length[self._ropes]
         wound: Array = DRUM * data.qpos[self._qpos] - left
         return wound if self._cabled else np.zeros(2)
 
     def follow(self, data: mujoco.MjData) -> Array:
-        """Return torques of motors that follow with slack ropes (2,) [N m]."""
+        """Return motor torques that keep the ropes slack by 5 mm (2,) [N m]."""
         if not self._cabled:
             return np.zeros(2)
         spread = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
@@ -381,7 +381,7 @@ class _Ropes:
         return np.asarray(-8.0 * (self.wound(data) + 0.005) / DRUM - 0.3 * spread)
 
     def arms(self, data: mujoco.MjData) -> Array:
-        """Return the lever arms of the ropes at the ankles (2,) [m]."""
+        """Return the moment arms of the ropes at the ankles (2,) [m]."""
         end, lever = (data.site_xpos[sites][:, (0, 2)] for sites in self._sites)
         rope = lever - end
         rope /= np.linalg.norm(rope, axis=1, keepdims=True)

@@ -1,14 +1,14 @@
-"""Mass, cost and tightest bends of the parts of a design; nothing is simulated.
+"""Mass, cost and tightest bends of a design's parts, without simulation.
 
 Lengths are those of the conduits: rope beyond their ends is left out, as are gears,
-levers, fittings and frames in the mass. Where a cable leaves its conduit all but the
-inertia is unknown, and there is no number.
+levers, fittings and frames in the mass. If a cable leaves its conduit, only inertias
+are known and the other metrics are missing.
 
     read_costs("mine.csv")          # part,per,cost with a line for each part
 
-reads what parts cost. `costs.csv` beside this file has round figures that are only an
-example, meant to be replaced. A line for a motor of `MOTORS` or a material of
-`MATERIALS` goes before that of `motor` or `rope`.
+reads the cost of each part. `costs.csv` beside this file is an example with round
+figures, to be replaced. A line for a motor of `MOTORS` or a material of `MATERIALS`
+takes precedence over that of `motor` or `rope`.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _ALLOWED = PARTS | dict.fromkeys(MOTORS, "piece") | dict.fromkeys(MATERIALS, "m"
 
 
 def inertias_of(plant: Plant, model: mujoco.MjModel) -> list[dict[str, float]]:
-    """Return the metrics of the parts of each axis by name."""
+    """Return the motor's inertia at the joint of each axis, by name of the metric."""
     drives = DeviceModel(plant.description, model).drives(plant.description.period)
     return [{"reflected_inertia": one.inertia * one.ratio**2} for one in drives]
 
 
 def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
-    """Return the metrics of the parts of all axes by name, as far as they are known."""
+    """Return mass, cost and bend metrics of all parts by name, as far as known."""
     cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):
         return {}
@@ -85,7 +85,7 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
 
 
 def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
-    """Costs by part, in whatever money the table is in."""
+    """Return the cost of each part, in the currency of the table."""
     path = Path(path)
     sheet = read_sheet(path, "the costs")
     if sheet.names != ["part", "per", "cost"]:

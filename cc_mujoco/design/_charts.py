@@ -29,7 +29,7 @@ PAGE_WIDTH = 4.8
 
 
 def answer_plot(study: RankedStudy, x: str) -> Figure:
-    """Return the first objective over the column `x`, a metric or a variable."""
+    """Return a plot of the first objective over the column `x`, metric or variable."""
     table, objective = study.table, study.goals[0]
     drawing = figures.figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
     axes = drawing.add_subplot()
@@ -63,7 +63,7 @@ def answer_plot(study: RankedStudy, x: str) -> Figure:
 
 
 def pareto_plot(study: RankedStudy) -> Figure:
-    """Return every pair of objectives: all designs, and the Pareto set over it."""
+    """Return scatter plots of each pair of objectives, with the Pareto set marked."""
     best, pairs = study.front, list(itertools.combinations(study.goals, 2))
     drawing = figures.figure(PAGE_WIDTH, 3.2 * len(pairs))
     panels = drawing.subplots(len(pairs), squeeze=False)[:, 0]
@@ -86,9 +86,10 @@ def _scatter(axes: Axes, x: Array, y: Array, best: NDArray[np.bool_]) -> None:
 
 
 def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figure:
-    """Return the mean of each metric (a row) along each variable (a column).
+    """Return plots of the mean of each metric (a row) over each variable (a column).
 
-    Of `most` variables those with the largest shares are drawn; None is all.
+    Only the `most` variables with the largest shares of variance are drawn; None is
+    all.
     """
     largest = {n: max(one.total[n] for one in found) for n in found[0].effects}
     names = sorted(largest, key=lambda name: -largest[name])[:most]
@@ -120,7 +121,7 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
 
 
 def heat_maps(study: RankedStudy) -> Figure | None:
-    """Draw each metric over the two variables that matter most to it."""
+    """Return a heat map of each metric over the two variables that affect it most."""
     found = study.sensitivities
     if len(study.varied) < 2:
         return None
@@ -162,7 +163,7 @@ def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
 
 
 def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
-    """Return the mean over the other variables of a full grid, (up, across)."""
+    """Return the mean of `y` over a full grid's other variables, (up, across)."""
     names = list(plan.ranges)
     cube = y.reshape([len(plan.ranges[name].levels) for name in names])
     i, j = names.index(up), names.index(across)
@@ -174,7 +175,10 @@ def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
 def _surface_grid(
     study: RankedStudy, one: Sensitivity, surface: Surface, across: str, up: str
 ) -> tuple[Array, dict[str, Sequence[object]]]:
-    """Return the surface (up, across), others mid-range, blank beyond known designs."""
+    """Return a fitted surface's values (up, across), and its ticks by variable.
+
+    Other variables are mid-range; values outside the hull of the designs are NaN.
+    """
     names, axes = study.varied, study.plan.ranges
     # Cells along each side of the heat map of a surface
     shares = {name: axes[name].shares(41) for name in (across, up)}
@@ -194,7 +198,7 @@ def _surface_grid(
 
 
 def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
-    """Mark points outside the convex hull of places, all (n, 2) on scales of 1."""
+    """Mark `points` outside the convex hull of `places`, both (n, 2), scaled to 1."""
     from scipy.spatial import Delaunay, QhullError
 
     # A little is allowed, for a hypercube does not reach the ends of its ranges.
@@ -217,7 +221,7 @@ def _variable(name: str) -> str:
 
 
 def _log_where_wide(axes: Axes, x: Array, y: Array) -> None:
-    """Set logarithmic scales for positive values over more than a factor of 30."""
+    """Set a logarithmic scale if all values are positive and span a factor above 30."""
     pair = (axes.xaxis, x, axes.set_xscale), (axes.yaxis, y, axes.set_yscale)
     for axis, values, scale in pair:
         found = values[np.isfinite(values)]

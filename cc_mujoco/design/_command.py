@@ -1,4 +1,4 @@
-"""`cc-mujoco whatif`: many designs of a transmission, measured and ranked."""
+"""`cc-mujoco whatif`: simulate many designs of a transmission, and rank them."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class WhatIf:
         print(f"one row:  cc-mujoco whatif-show {folder} ROW")
 
     def _plan(self) -> tuple[Plan, Path]:
-        """Return the plan, and the folder, which may take its results."""
+        """Return the plan, and the folder, checked to accept its results."""
         from cc_mujoco.device._device_files import locate
 
         locate(self.study.scene)

@@ -1,4 +1,4 @@
-"""Designs that a study tries: a grid, a Latin hypercube, or a list from a file.
+"""Designs that a study simulates: a grid, a Latin hypercube, or a list from a file.
 
     vary = {"friction": "0.05:0.3:10", "loops": [1, 2, 3]}
     grid(vary)                      # 30 designs
@@ -34,14 +34,14 @@ MAX_DESIGNS = 1_000_000
 
 @dataclass(frozen=True)
 class Range:
-    """The values that a variable may take: levels, or all between two ends."""
+    """Values that a variable may take: listed levels, or all between two ends."""
 
     levels: tuple[Value, ...]  # levels of a grid; empty where a range has no count
     ends: tuple[float, float] | None = None  # None where only the levels are meant
     log: bool = False
 
     def at(self, share: NDArray[np.float64]) -> list[Value]:
-        """Return the values at these fractions of the range, 0 to 1."""
+        """Return the values at fractions `share` of the range, from 0 to 1."""
         if self.ends is None:
             count = len(self.levels)
             places = np.minimum((share * count).astype(int), count - 1)
@@ -49,7 +49,7 @@ class Range:
         return [float(value) for value in _between(self.ends, self.log, share)]
 
     def code(self, given: Sequence[Value]) -> NDArray[np.float64]:
-        """Return values from 0 to 1 (n,), texts by place, logarithmic ones by ratio."""
+        """Return values scaled to 0...1 (n,), texts by index, by ratio if `log`."""
         if self.ends is None and any(isinstance(each, str) for each in self.levels):
             place = {level: i for i, level in enumerate(self.levels)}
             return np.array([place[value] for value in given]) / (len(place) - 1.0)
@@ -61,7 +61,7 @@ class Range:
         return np.asarray((found - low) / (high - low))
 
     def shares(self, count: int) -> NDArray[np.float64]:
-        """Return the fractions of the levels, or `count` fractions of the range."""
+        """Return the fractions of the levels, or `count` ones from end to end."""
         if self.ends is not None:
             return np.linspace(0.0, 1.0, count)
         return (np.arange(len(self.levels)) + 0.5) / len(self.levels)
@@ -99,7 +99,7 @@ def read_range(
 
 
 def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
-    """Return every combination, the last variable fastest."""
+    """Return every combination of the levels; the last variable varies fastest."""
     for name, values in ranges.items():
         if not values.levels:
             raise CableError(
@@ -115,7 +115,7 @@ def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
 def latin_hypercube(
     ranges: Mapping[str, Range], count: int, seed: int
 ) -> list[dict[str, Value]]:
-    """Return `count` designs that use each of `count` parts of every range once."""
+    """Return `count` designs, one in each of `count` equal parts of every range."""
     from scipy.stats import qmc
 
     require_count(count)
@@ -126,7 +126,7 @@ def latin_hypercube(
 
 
 def from_file(path: str | Path) -> list[dict[str, object]]:
-    """Read the designs of a file, without changes.
+    """Read designs from a file, without checks of names or values.
 
     CSV has a line of variable names and a line per design; TOML has a table
     `[[design]]` for each.
@@ -213,7 +213,7 @@ def _between(
 
 
 def require_count(count: int) -> None:
-    """Refuse a number of designs that no study can have, before they are made."""
+    """Refuse, before designs are made, a number of them too large for a study."""
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool):
         raise CableError(f"a number of designs must be whole, not {count!r}.")
     if not 1 <= count <= MAX_DESIGNS:

@@ -1,10 +1,10 @@
-"""Rows of the table from designs: build, play what the metrics need, measure.
+"""Evaluation of designs: compile, simulate the tests that metrics need, measure.
 
-Where a metric needs them, there are tests besides the episode of the protocol:
+Besides the episode of the protocol, metrics may need these tests:
 
 - `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
-- `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
-  Experiment 1 of the thesis;
+- `backlash`: the joint is held, and the motor's torque is a slow sine, as in Experiment
+  1 of the thesis;
 - `bandwidth`: the joint is held, and the desired torque is a chirp.
 """
 
@@ -61,7 +61,7 @@ CHIRP_TIME = 6.0  # duration of the chirp that the bandwidth is measured with [s
 
 @dataclass(frozen=True)
 class NoMotion(Trajectory):
-    """Motion at rest: joints keep their angle. Phase: fraction of the episode."""
+    """Trajectory at rest: joints keep their angles. Phase: fraction of the episode."""
 
     angles: tuple[tuple[str, float], ...] = ()  # of joints [rad], 0 for all others
 
@@ -73,7 +73,7 @@ class NoMotion(Trajectory):
 
 @dataclass(frozen=True)
 class SineTorque(Task):
-    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
+    """Desired torque that is a sine of `SWING_PERIODS` periods."""
 
     of_phase = True
     amplitude: float  # signed [N m]
@@ -90,7 +90,7 @@ class SineTorque(Task):
 
 @dataclass(frozen=True)
 class ChirpTorque(SineTorque):
-    """A desired torque whose frequency grows exponentially with the phase."""
+    """Desired torque whose frequency grows exponentially with the phase."""
 
     def _turn(self, phase: Any) -> Any:
         octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
@@ -99,7 +99,7 @@ class ChirpTorque(SineTorque):
 
 
 class DesignResult(NamedTuple):
-    """Result of simulating one design: metrics, failure, controller they belong to."""
+    """Result of one design: metrics, reason of a failure, controller of the metrics."""
 
     metrics: dict[str, float]  # all `number_columns`; NaN where one cannot be had
     failed: str  # why it diverged or was unsafe for the joint; empty where it was not
@@ -113,15 +113,15 @@ def evaluate(
     designs: Sequence[Design],
     tick: Tick = lambda share: None,
 ) -> list[DesignResult]:
-    """Try designs of equal layout (numbers of segments) together.
+    """Simulate and measure designs of equal layout (numbers of segments) together.
 
-    Returns one result per design, whatever becomes of the others. Of several
-    controllers it is that with the least tracking error, the first of equals; one that
-    fails is out, and the design with it only where all do. Over several cases the
-    controller is one and the same: that whose tracking error over them is least, of
-    those that fail in none.
+    Returns one result per design; a failure does not affect the others. Of several
+    controllers it is that with the least tracking error, the first if equal. A design
+    fails only if all of its controllers do. Over several cases the controller is the
+    same in all: that with the least aggregated tracking error, of those that fail in
+    none.
 
-    `tick` is called now and then with the share that is done; may raise to stop.
+    `tick` is called repeatedly with the share that is done; it may raise to stop.
     """
     protocol.find_metrics()
     device, cases = protocol.device, protocol.across.cases
@@ -152,7 +152,7 @@ class _Tried(NamedTuple):
 
 
 class _Scores:
-    """Metrics of plants in one case, from test to test."""
+    """Metrics and failures of plants in one case, collected test by test."""
 
     def __init__(
         self,
@@ -160,7 +160,7 @@ class _Scores:
         plants: Sequence[Plant],
         models: Sequence[mujoco.MjModel],
     ) -> None:
-        """Measure the parts of the plants if a metric needs them."""
+        """Start the tables; measure the plants' parts if a metric needs them."""
         self._protocol = protocol
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
@@ -178,7 +178,7 @@ class _Scores:
                 one.rows[law] |= found
 
     def add(self, test: Test, law: str, played: Rollout) -> None:
-        """Measure a test of a controller; without a name it is of the hardware."""
+        """Add a test of the controller `law`; "" is a test of the hardware alone."""
         laws = (law,) if law else self._protocol.controllers
         where = "" if test == "episode" else f"{test} test: "
         for row, one in enumerate(self.tried):
@@ -213,9 +213,9 @@ class _Scores:
         return found | protocols.over_axes(protocol, found)
 
     def _log(self, played: Rollout, row: int, axis: int) -> ArrayLog:
-        """Return one axis of a design in the shape of an episode log.
+        """Return one axis of a design in the form of an episode log.
 
-        The tension of nodes is that of the node with least (T, 1).
+        The tension of nodes is the least of all nodes at each time (T, 1) [N].
         """
         own = axis_columns(played.columns, played.prefixes[axis], played.prefixes)
         columns = {name: values[row] for name, values in own.items()}
@@ -234,7 +234,7 @@ class _Scores:
         return ArrayLog(columns, self._cables, known)
 
     def _unsafe_reason(self, played: Rollout, row: int) -> str:
-        """Return why the torque of a design is a failure; empty where it is none."""
+        """Return why a design's joint torque is unsafe; "" if it is safe."""
         time = played.columns["time_s"][row]
         for axis, prefix in zip(played.axes, played.prefixes, strict=True):
             torque = played.columns[f"{prefix}joint_torque_nm"][row]
@@ -253,7 +253,10 @@ class _Scores:
 def _facts(
     protocol: EpisodeProtocol, plant: Plant, strides: Mapping[str, GaitJoint]
 ) -> list[dict[str, Any]]:
-    """Return the constants of each axis; `strides` has parts in a walk by axis."""
+    """Return the constants of each axis that metrics need.
+
+    `strides` has the joint of the gait that each walking axis follows, by axis.
+    """
     found = []
     for axis in plant.description.axes:
         task = protocol.task
@@ -308,9 +311,9 @@ def episodes(
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
 
-    Each has its test and the name of its controller, which is empty where the test is
-    of the hardware alone. The wearer of the first of the `designs` walks, by default as
-    fast as was measured.
+    Each comes with its test and the name of its controller, "" if the test is of the
+    hardware alone. The wearer is that of the first of `designs`, who by default walks
+    at the measured speed.
 
     Raises:
         CableError: the trajectory or the task cannot be played.
@@ -340,9 +343,9 @@ def episodes(
 
 
 def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
-    """Return a sentence if the task exceeds the motor or the safe torque of a design.
+    """Return a sentence if the task exceeds a design's motor or safe torque, else "".
 
-    See `WornDevice.beyond`; it is empty otherwise.
+    See `WornDevice.beyond`.
     """
     plant = Plant(protocol.device, {**design, **protocol.across.cases[0]})
     exo = _main_episode(protocol, [plant.values]).exo(plant.model())
@@ -351,12 +354,12 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
 
 @dataclass(frozen=True)
 class DesignJob:
-    """A protocol as a `_workers.Job` whose pieces are designs of equal layout."""
+    """A `_workers.Job` whose pieces are batches of designs with equal layout."""
 
     protocol: EpisodeProtocol
 
     def rehearse(self) -> None:
-        """Make all that the protocol needs, and play nothing."""
+        """Load and compile all that the protocol needs, without a simulation."""
         protocol = self.protocol
         model = Plant(protocol.device).model()
         played = [episode for _, _, episode in episodes(protocol)]
@@ -397,13 +400,13 @@ def _main_episode(
 def _held_episode(
     main: Episode, model: mujoco.MjModel
 ) -> tuple[Episode, dict[str, SineTorque], dict[str, ChirpTorque]]:
-    """Return the episode with the joints held at rest, and two torques of each axis.
+    """Return an episode with the joints held, and two torques for each axis.
 
-    A slow swing and a chirp. They are shares of the largest of each motor at its joint
-    without friction, in the direction in which it pulls, of the scene as it stands,
-    which `model` is. The inertia of a held joint is that in the neutral pose with the
-    others locked or, where that makes it 1.5 times as large, free: twice the inertia of
-    an ideal wearer is at the edge of stability.
+    These are a slow sine and a chirp, as shares of the largest torque of each motor at
+    its joint without friction, in the direction in which it pulls, in the model of the
+    scene. A joint is held by an ideal wearer for its inertia in the neutral pose with
+    the others locked or, if that is 1.5 times as large or more, with the others free:
+    at twice its inertia an ideal wearer is at the limit of stability.
     """
     device, step = main.device(model), float(model.opt.timestep)
     drives = device.drives(main.frame_skip * step)
@@ -428,7 +431,7 @@ def _held_episode(
 
 
 def joints_of_gait(device: Device) -> dict[str, GaitJoint]:
-    """Return the parts in a walk of the joints that a device drives, by axis."""
+    """Return the joint of a gait that each axis of a device follows, by axis."""
     model, axes = Plant(device).model(), device.description.axes
     found = gait_joints({axis.limb: joint_range(model, axis.limb) for axis in axes})
     walking = {joint.name: joint for joint in found}

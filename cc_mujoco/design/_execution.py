@@ -1,14 +1,13 @@
-"""A whole study or search in one call, and the run of a plan.
+"""Execution of a study or a search, from its specification or its plan.
 
 table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
 table.sort_by("held_backlash").slice(0, 5).to_pandas()
 
-A search does not try all designs: it samples them in generations of a size that does
-not depend on the machine. So the same seed gives the same designs on any number of
-threads, and an interrupted search continues by sampling them again. The sampler is
-Optuna's multi-objective tree-structured Parzen estimator (Y. Ozaki et al.,
-"Multiobjective tree-structured Parzen estimator", Journal of Artificial Intelligence
-Research 73, 2022).
+A search samples designs in generations, whose size does not depend on the machine. The
+same seed thus gives the same designs on any number of threads, and an interrupted
+search continues by sampling them again. The sampler is Optuna's multi-objective
+tree-structured Parzen estimator (Y. Ozaki et al., "Multiobjective tree-structured
+Parzen estimator", Journal of Artificial Intelligence Research 73, 2022).
 """
 
 from __future__ import annotations
@@ -66,21 +65,21 @@ def study(
         vary: range or values of each variable, see `VARIABLES`: `"low:high:count"`,
             `"low:high:count:log"`, `"1,2,3"`, a number or a sequence of values.
         designs: instead of `vary`, the designs themselves, or a CSV or TOML file.
-        out: folder that keeps what is finished, and the table; a study that was
-            interrupted there goes on. Without one nothing is written.
+        out: folder that keeps finished designs and the table; a study that was
+            interrupted there continues. Without one nothing is written.
         progress: called with the number of designs done.
         fields: other fields of `StudySpec` and `Execution`.
 
     Returns:
-        A row per design: its number, its variables, its metrics (null where there is
-        no such number) and `failed`, the reason where the simulation failed. Over cases
-        a metric is the worst of its numbers; `METRIC@worst_case` says in which case,
-        `METRIC@least` and `METRIC@most` are the ends. Of several controllers,
+        A row per design: its number, its variables, its metrics (null if one has no
+        number) and `failed`, the reason if the simulation failed. Over several cases a
+        metric is the worst of its numbers; `METRIC@worst_case` names that case,
+        `METRIC@least` and `METRIC@most` are the extremes. Of several controllers,
         `METRIC@CONTROLLER` has each.
 
     Raises:
-        CableError: something about the study is impossible, or `out` holds what other
-            code made; raised before it runs.
+        CableError: the study is impossible, or `out` holds results of other code;
+            raised before it runs.
     """
     how = {field.name for field in dataclasses.fields(whatif.Execution)}
     what = {field.name for field in dataclasses.fields(whatif.StudySpec)}
@@ -110,22 +109,22 @@ def optimise(
 
     Args:
         scene: name of the device.
-        vary: `"low:high"` or `"low:high:log"` for all that lies between; with a count,
+        vary: `"low:high"` or `"low:high:log"` for all values in between; with a count,
             or a list of values, only these.
         objectives: `METRIC`, `min:METRIC` or `max:METRIC`.
         subject_to: limits, `METRIC>=NUMBER` or `METRIC<=NUMBER`.
-        evaluations: designs that are tried; with more than an earlier run in `out`
-            had, that is gone on with, with fewer than it finished its table stays.
-        fields: other arguments of `study`; what is measured is by default only what
-            objectives and limits need.
+        evaluations: number of designs; if an earlier run in `out` had fewer, it is
+            continued, if it finished more, its table stays.
+        fields: other arguments of `study`; by default only the metrics of objectives
+            and limits are measured.
 
     Returns:
-        A row per design in the order in which they were tried, as of `study`.
-        `objective_costs` and `pareto_rows` find the best of them.
+        A row per design in the order of the search, as from `study`. `objective_costs`
+        and `pareto_rows` find the best of them.
 
     Raises:
-        CableError: something about the search is impossible, or Optuna is not
-            installed; raised before it runs.
+        CableError: the search is impossible, or Optuna is not installed; raised before
+            it runs.
     """
     fields |= {"objectives": objectives, "subject_to": subject_to}
     return study(scene, vary, evaluations=evaluations, **fields)
@@ -138,9 +137,9 @@ def carry_out(
     progress: Progress = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> pa.Table:
-    """Run the missing parts of a plan of designs and return its table; see `study`.
+    """Simulate the unfinished designs of a plan; return the table, see `study`.
 
-    `say` is called with a sentence where some of it is done already.
+    `say` is called with a sentence if an earlier run has finished some.
     """
     store = Store(plan, folder, execution.again)
     missing, before = store.missing(), store.kept
@@ -159,9 +158,9 @@ SAMPLE_TIME = 0.1  # simulated time of a sample [s]
 
 
 def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
-    """Yield that slow controllers are timed, then how long each takes if that is long.
+    """Yield that slow controllers are timed, then the time of each that takes long.
 
-    Of a search nothing is known in advance. 0 `threads` means one per processor.
+    Nothing is known of a search in advance. 0 `threads` means one per processor.
     """
     known = {law: stepped_law(kind) for law, kind in CONTROLLERS.items()}
     fast_laws = {law for law, own in known.items() if own is not None and not own.plans}
@@ -214,7 +213,7 @@ def search(
     progress: Progress = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> tuple[Plan, pa.Table]:
-    """Carry a search out; see `optimise`."""
+    """Run a search; return its plan, with the designs, and table; see `optimise`."""
     goals, limits, evaluations = plan.objectives, plan.limits, plan.evaluations
     store = Store(plan, folder, execution.again)
     if store.finished > evaluations:
@@ -300,9 +299,9 @@ def run_batches(
 def _new_trial(
     study: Any, space: Mapping[str, Any], tried: set[tuple[Any, ...]], random: Any
 ) -> Any:
-    """Return a trial of a design that was not tried before; one must exist.
+    """Return a trial of a design that is not in `tried`; one must exist.
 
-    A sampler that has found the best of a few values asks for it again and again.
+    A sampler that has found the best of few values proposes it repeatedly.
     """
     out = require_optuna().trial.TrialState.FAIL
     for _ in range(20):  # the sampler may repeat what was tried before
@@ -320,7 +319,7 @@ def _new_trial(
 
 
 def _random_choice(values: Any, random: Any) -> Any:
-    """Return one of the values of a distribution, any as likely as another."""
+    """Return a value of a distribution, drawn uniformly."""
     if hasattr(values, "choices"):
         return values.choices[random.integers(len(values.choices))]
     if isinstance(values.low, int):
@@ -353,7 +352,7 @@ def _distribution(optuna: Any, values: Range) -> Any:
 
 
 def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
-    """Return the design of a sampler's trial, its profile made to fit."""
+    """Return the design of a sampler's trial, with a possible torque profile."""
     found: Design = {}
     between: dict[str, tuple[float, float, bool]] = {}
     for name, values in plan.ranges.items():
@@ -367,7 +366,7 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
 def _with_designs(
     plan: Plan, designs: Sequence[Design]
 ) -> tuple[Plan, dict[int, DesignResult]]:
-    """Return the plan with more designs, and the results of impossible ones."""
+    """Return the plan with more designs, and results for the impossible ones."""
     device = plan.protocol.device
     first, batch = len(plan.designs), len(plan.batches)
     checked: list[Design] = []
@@ -393,15 +392,16 @@ def fit_profile(
     ranges: Mapping[str, tuple[float, float, bool]],
     cases: Sequence[Mapping[str, Value]] = ({},),
 ) -> dict[str, Value]:
-    """Return a design with a possible profile: it ends with the stance at the latest.
+    """Return a design whose torque profile ends by toe-off.
 
-    How late a peak may be depends on the least fall, how long a fall on the peak, and
-    how late an onset, too. A sampler draws each variable from its full range; the draw
-    is mapped to the same fraction of the range that is left. So all designs are
-    possible and the longest fall is an edge, not a slope across two variables.
+    The latest peak depends on the shortest fall; the longest fall and the latest onset
+    depend on the peak. A sampler draws each variable from its full range; the draw is
+    mapped to the same fraction of the possible range. Every design is then possible,
+    and the longest fall is at the end of its range instead of on a diagonal of two
+    variables.
 
-    `ranges` are the ends of the drawn variables, and whether on a logarithmic scale;
-    the profile has to fit into the shortest stance of all `cases`.
+    `ranges` has low end, high end and whether logarithmic of each drawn variable. The
+    profile has to end within the shortest stance of all `cases`.
     """
     found = dict(design)
     if not any(name in design for name in PROFILE):
@@ -423,7 +423,7 @@ def fit_profile(
 
 
 def _rescale(value: float, low: float, high: float, log: bool, most: float) -> float:
-    """Return a value of low...high mapped to the same fraction of low...most."""
+    """Map a value of low...high to low...most, at the same fraction of the range."""
     most *= 1.0 - 1e-12  # rounding must not take a sum beyond its limit
     if most >= high:
         return value

@@ -1,19 +1,18 @@
-"""Further runs of a finished study: the worth of variables and limits, its time step.
+"""Further runs of a finished study: sensitivity at the best design, time step.
 
     found = analyse_best_design(plan, table, carry_out)
     check_timestep(plan, table, goals, carry_out)
 
-Designs a step to either side of the best in one variable at a time are simulated, all
-together; their differences are slopes. Between them and the limits a linear program
-predicts the best objective within `TRUST_REGION` of the ranges, with the limits as they
-are and with each limit relaxed by `relax_limit`; the multipliers of its limits are
-their shadow prices. Its proposals are simulated as well, so that each prediction can be
-compared with the result.
+Designs one step from the best, in one variable each, are simulated; the differences
+give slopes. With them a linear program predicts the best objective within
+`TRUST_REGION` of the ranges, under the limits and with each limit relaxed by
+`relax_limit`. The multipliers of the limits are their shadow prices. The designs that
+it proposes are simulated as well, to compare each prediction with the result.
 
-Designs are also tried again at half the time step. A cable that the step resolves can
-still be driven into a limit cycle, by a controller that meets a stiffer cable than it
-is made for, and then a number says more of the step than of the design. That is no
-error of any one step, so it is looked for in the end.
+Some designs are simulated again at half the time step. Even if the step resolves a
+cable, a controller made for a softer one can drive it into a limit cycle, so that a
+metric depends on the step more than on the design. No single step of a simulation shows
+that.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ class Price:
 
 @dataclass(frozen=True)
 class Around:
-    """The best design: its number, its slopes, and the prices of limits."""
+    """Neighbourhood of the best design: its number, slopes, and prices of limits."""
 
     design: int
     slopes: tuple[Slope, ...]
@@ -80,7 +79,10 @@ class Around:
 def analyse_best_design(
     plan: Plan, table: pa.Table, run: Callable[[Plan], pa.Table]
 ) -> Around | None:
-    """Look around the best design; None where none is good or could move."""
+    """Return slopes and prices at the best design.
+
+    None if no design keeps the limits with all objectives, or nothing can be varied.
+    """
     if not plan.objectives:
         raise CableError("what is around the best design needs an objective.")
     cost = pareto.objective_costs(table, plan.objectives, plan.limits)
@@ -135,7 +137,7 @@ def _shift_value(values: Range, value: Value, by: float) -> Value:
 
 
 def _neighbours(values: Range, here: Value) -> list[Value | None]:
-    """Return the next lower and higher value of a range; None where there is none."""
+    """Return the next lower and higher value of a range, each None without one."""
     if values.ends is not None:
         # By a fiftieth of the range.
         sides = [_shift_value(values, here, by) for by in (-0.02, 0.02)]
@@ -179,7 +181,7 @@ def _metric_slope(
 def _prices(
     plan: Plan, base: Design, centre: Mapping[str, object], slopes: Sequence[Slope]
 ) -> list[Price]:
-    """Price each objective by steps in `TRUST_REGION`, and with each limit relaxed."""
+    """Return predictions of each objective: under the limits, and with each relaxed."""
     from scipy.optimize import linprog
 
     change = {(s.metric, s.variable): s.change for s in slopes}
@@ -192,7 +194,7 @@ def _prices(
     room = [(max(-1.0, -s), min(1.0, 1.0 / TRUST_REGION - s)) for s in shares]
 
     def slope_row(metric: str, high: bool) -> Array:
-        """Return the change of a metric, with the sign by which less is better."""
+        """Return the changes of a metric per variable, negative if better."""
         return (-1.0 if high else 1.0) * np.array([change[metric, v] for v in free])
 
     def price(goal: pareto.Objective, relaxed: pareto.MetricLimit | None) -> Price:
@@ -224,7 +226,7 @@ def _prices(
 
 
 def relax_limit(limit: pareto.MetricLimit) -> pareto.MetricLimit:
-    """Relax a limit by a tenth of its size; by 1 of its unit where that is 0."""
+    """Relax a limit by a tenth of its size, or by 1 of its unit if it is 0."""
     by = 0.1 * abs(limit.bound) or 1.0
     return dataclasses.replace(limit, bound=limit.bound + (-by if limit.least else by))
 
@@ -281,11 +283,11 @@ def check_timestep(
     goals: Sequence[pareto.Objective],
     run: Callable[[Plan], pa.Table],
 ) -> Halved | None:
-    """Try designs of a study again at half its time step.
+    """Simulate some designs of a study again at half its time step.
 
-    They are spread over the ranking, with the best and the worst among them. The
-    numbers of `goals` and of the limits are compared. Returns None where no design
-    has all of them. `run` carries a plan out; see `carry_out`.
+    They are spread over the ranking, from the best to the worst. The metrics of `goals`
+    and limits are compared. Returns None if no design has all goals. `run` executes a
+    plan, as `carry_out` does.
     """
     # A number may break a limit by the step alone.
     cost = pareto.objective_costs(table, goals)

@@ -1,4 +1,4 @@
-"""Choice of the best designs: objectives, limits, the Pareto set, an order of all."""
+"""Selection of the best designs: objectives, limits, Pareto set, ranking."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Objective:
         return f"{self.name} ({'high' if self.high else 'low'})"
 
     def cost(self, metrics: Mapping[str, float]) -> float:
-        """Return the number to minimise."""
+        """Return the number to minimise: the metric, negative if high is better."""
         return -metrics[self.name] if self.high else metrics[self.name]
 
 
@@ -52,7 +52,7 @@ class MetricLimit:
         return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
 
     def beyond(self, metrics: Mapping[str, float]) -> float:
-        """Return a design's excess, as a share of the limit unless that is 0."""
+        """Return the excess over the limit, relative to it unless it is 0."""
         over = metrics[self.column] - self.bound
         return (-over if self.least else over) / (abs(self.bound) or 1.0)
 
@@ -62,8 +62,8 @@ def read_limits(
 ) -> tuple[MetricLimit, ...]:
     """Parse `METRIC>=NUMBER` and `METRIC<=NUMBER`.
 
-    `measured` are the metrics that the study measures, None if it measures any that is
-    requested; with `across` designs have several cases, in all of which limits hold.
+    `measured` are the metrics of the study, None if it measures any that is named. With
+    `across`, designs have several cases, in all of which limits hold.
 
     Raises:
         CableError: not of that form, no such metric, or not measured.
@@ -94,8 +94,8 @@ def read_objectives(
 ) -> tuple[Objective, ...]:
     """Parse `METRIC`, `min:METRIC` and `max:METRIC`.
 
-    A metric of the user is `MODULE:NAME`, or its name once it was found. For `measured`
-    see `read_limits`.
+    A user's metric is `MODULE:NAME`, or only its name once it was imported. For
+    `measured` see `read_limits`.
 
     Raises:
         CableError: no such metric, not measured, or given twice.
@@ -132,7 +132,7 @@ def objective_costs(
 ) -> Array:
     """Return the numbers to minimise, (designs, objectives).
 
-    NaN where there is no number, and all along the row of a design beyond a limit.
+    They are NaN without a number, and for designs that exceed a limit.
     """
     columns = [(-1.0 if o.high else 1.0) * column(table, o.name) for o in objectives]
     found = np.stack(columns, axis=-1)
@@ -143,13 +143,13 @@ def objective_costs(
 def decisive_columns(
     objectives: Sequence[Objective], limits: Sequence[MetricLimit]
 ) -> tuple[str, ...]:
-    """Return the columns that objectives and limits go by, each once."""
+    """Return the columns of objectives and limits, each once."""
     names = [*(goal.name for goal in objectives), *(limit.column for limit in limits)]
     return tuple(dict.fromkeys(names))
 
 
 def within_limits(table: pa.Table, limits: Sequence[MetricLimit]) -> NDArray[np.bool_]:
-    """Mark designs that keep all limits, (designs,); without a number none does."""
+    """Return the mask (designs,) of those within all limits, with numbers for them."""
     kept = np.ones(len(table), dtype=np.bool_)
     for limit in limits:
         values = column(table, limit.column)
@@ -162,9 +162,10 @@ def column(table: pa.Table, name: str) -> Array:
 
 
 def pareto_rows(cost: Array) -> NDArray[np.bool_]:
-    """Return the rows that no other row beats: as good in all columns, better in one.
+    """Return the mask of rows that no other dominates.
 
-    `cost` (designs, objectives) is to be made small; rows with NaN are never in.
+    A row dominates if it is as small in all columns and smaller in one. `cost`
+    (designs, objectives) is minimised; rows with NaN are never in.
     """
     from scipy.stats import rankdata
 
@@ -183,9 +184,9 @@ def pareto_rows(cost: Array) -> NDArray[np.bool_]:
 
 
 def rank_designs(cost: Array) -> NDArray[np.intp]:
-    """Return the rows from best to worst: the Pareto set first, each part by mean rank.
+    """Return row indices from best to worst: the Pareto set, then the rest.
 
-    The rank of a design in an objective is its place among all; no number is last.
+    Each part is in order of the mean rank over objectives; NaN ranks last.
     """
     from scipy.stats import rankdata
 

@@ -1,6 +1,6 @@
 """Plan of a study: its protocol, designs and batches.
 
-Every error in the specification of a study is found here, before anything runs.
+All errors in the specification of a study are found here, before it runs.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Plan:
         return tuple(name for name, values in used.items() if len(values) > 1)
 
     def describe(self) -> dict[str, Any]:
-        """Describe the study as plain JSON, equal for equal studies."""
+        """Describe the study as a dictionary for JSON, equal for equal studies."""
         protocol, costs = self.protocol, dict(self.protocol.costs)
         played = {
             "scene": protocol.scene,
@@ -124,13 +124,13 @@ class Plan:
         }
 
     def with_few_designs(self, designs: Sequence[Design]) -> Plan:
-        """Return the study with a few other designs, in batches of eight."""
+        """Return the plan of a few other designs, in batches of eight."""
         batches = batches_of(self.protocol, dict(enumerate(designs)), 8)
         few = replace(self, designs=tuple(designs), batches=batches)
         return replace(few, full=False, search=None)
 
     def made_by(self) -> dict[str, Any]:
-        """Return the provenance of the table besides its settings."""
+        """Return the provenance of the table: versions and digests of code."""
         protocol = self.protocol
         return code_provenance(
             *protocol.code_names, *protocol.tables, files=dict(protocol.files)
@@ -142,7 +142,7 @@ def _digest(listed: Sequence[object]) -> str:
 
 
 def make_plan(spec: StudySpec) -> Plan:
-    """Plan a study; the plan of a search has no designs yet."""
+    """Return the plan of a study; that of a search has no designs yet."""
     if spec.evaluations is not None:
         return _plan_search(spec, spec.evaluations)
     goals = read_objectives(spec.objectives)
@@ -239,7 +239,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
 
 
 def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
-    """Return the values of each name, which may be given as `NAME=VALUES`."""
+    """Return the values of each name, from a mapping or texts `NAME=VALUES`."""
     if not isinstance(given, (list, tuple)) or not all(
         isinstance(text, str) for text in given
     ):
@@ -269,7 +269,7 @@ def require_optuna() -> Any:
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
 ) -> EpisodeProtocol:
-    """Return the protocol of designs, whose variables are `named`."""
+    """Return the protocol for designs that set the variables `named`."""
     if not isinstance(spec.scene, (str, Path)):
         raise CableError(
             "a study needs the name or the file of a device, as its workers load it "
@@ -381,7 +381,7 @@ def _make_protocol(
 
 
 def _unheld_reason(builder: Device) -> str:
-    """Return why joints cannot be held for a test, as a part of a sentence, or ""."""
+    """Return why a device's joints cannot be held for a test, as a clause, or ""."""
     joints = [axis.limb for axis in builder.description.axes]
     for joint in joints:
         if joint not in builder.movers:
@@ -417,10 +417,10 @@ def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
 
 
 def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
-    """Return the text by which a trajectory or a task is known in a description.
+    """Return a text that identifies a trajectory or a task in the plan's description.
 
-    Objects of the package are known by their parameters, those of the user by all that
-    they hold: the text of an array may leave numbers out.
+    It has the parameters of objects of this package. For those of users it is a digest
+    of their whole content, as the text of an array may leave numbers out.
     """
     if isinstance(given, (str, Path)):
         text = str(given)
@@ -463,7 +463,7 @@ def _check(
 
 
 def _require_distinct(across: Across, designs: Sequence[Design]) -> None:
-    """Reject duplicate designs, which would count twice in all ranks."""
+    """Refuse duplicate designs, which would count twice in all ranks."""
     seen: dict[tuple[object, ...], int] = {}
     for index, design in enumerate(designs):
         first = seen.setdefault(tuple(design.items()), index)
@@ -477,9 +477,9 @@ def _require_distinct(across: Across, designs: Sequence[Design]) -> None:
 def _batches(
     protocol: EpisodeProtocol, designs: Sequence[Design]
 ) -> tuple[tuple[int, ...], ...]:
-    """Group designs of equal layout into at least eight batches for the threads.
+    """Group designs of equal layout into batches, at least eight if there are enough.
 
-    The batches do not depend on the machine, so that any other can resume the study.
+    They do not depend on the machine, so that another one can continue the study.
     """
     about, longest = protocol.device.description, max(protocol.duration, CHIRP_TIME)
     steps = longest / about.period * len(about.axes)
@@ -508,7 +508,7 @@ def _require_played(
     trajectory: str,
     tasks: Mapping[str, str],
 ) -> None:
-    """Refuse to vary a walk or a profile that a study does not play."""
+    """Refuse variables of a walk or a torque profile that the study does not play."""
     wearers.require_scene(device, names)
     for name in ("gait_speed", "leg_length"):
         if name in names and trajectory != "walk":
@@ -528,10 +528,10 @@ def _require_played(
 def _require_strides(
     protocol: EpisodeProtocol, designs: Iterable[Mapping[str, Value]]
 ) -> None:
-    """Refuse to measure strides in episodes too short for one.
+    """Refuse metrics of strides if episodes are too short for one.
 
-    `designs` are those that walk slowest, at least. A metric without a number in one
-    case would be compared over the others.
+    `designs` must include those that walk slowest. A metric that has no number in one
+    case would be compared over the other cases only.
     """
     stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
     if not stride_metrics:

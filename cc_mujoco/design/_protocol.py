@@ -1,11 +1,11 @@
-"""Protocol of every design, and the metrics of a study with their columns.
+"""Protocol by which designs are evaluated, and metrics with their columns.
 
-A protocol is the episode that a study asks for and, where a metric needs them, two
-tests that say more of the hardware alone; see `_evaluation`.
+A protocol is the episode of a study and, if a metric needs them, tests of the hardware
+alone; see `_evaluation`.
 
-Of a device with several axes, `NAME` is a metric of the worst axis: its largest number
-over the axes, or its least where more is better. `AXIS.NAME` is that of one axis. A
-design that has no number at one of them has none.
+For a device with several axes, `NAME` is a metric of the worst axis: its largest number
+over the axes, or its least if more is better. `AXIS.NAME` is that of one axis. A design
+without a number for one axis has none for `NAME`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ since no scene has it."""
 
 @dataclass(frozen=True)
 class EpisodeProtocol:
-    """Protocol by which each design of a study is tried."""
+    """Protocol by which each design of a study is simulated and measured."""
 
     scene: str  # name of a built-in device, or path of the file of another
     trajectory: str | Trajectory  # text, or what a table holds
@@ -76,7 +76,7 @@ class EpisodeProtocol:
 
     @property
     def device(self) -> Device:
-        """Device that designs are variants of."""
+        """Device of the study, which designs change; its files must not change."""
         device = load_device(self.scene, self.timestep)
         now, then = device_digests(device), dict(self.files)
         for name in {**then, **now}:
@@ -93,7 +93,7 @@ class EpisodeProtocol:
 
     @property
     def code_names(self) -> tuple[str, ...]:
-        """Names that `code_provenance` must know; tables go with the protocol."""
+        """Names of user code whose provenance the results depend on."""
         played = []
         several = self.task.values() if isinstance(self.task, Mapping) else [self.task]
         for given in (self.trajectory, *several):
@@ -107,12 +107,12 @@ class EpisodeProtocol:
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Texts by which trajectory and tasks are known, those of each axis alone."""
+        """Texts that identify trajectory and tasks, one for each axis."""
         return split_axes(self.sources, self.axes)
 
 
 def device_digests(device: Device) -> dict[str, str]:
-    """Return digests of the user's files that define a device, by name."""
+    """Return digests of the user's files that define a device, by file name."""
     folder = device.files[0].parent if device.files else Path()
     return file_digests(device.files, folder)
 
@@ -122,8 +122,8 @@ def tasks_of_axes(
 ) -> dict[str, str | Path | Task]:
     """Return the task of every axis by its name.
 
-    `task` is that of all axes, or of each as `hip=swing,ankle=assist`; an axis that is
-    not named keeps that of the device, as all do without a task.
+    `task` is one for all axes, or a text such as `hip=swing,ankle=assist`. An axis that
+    it does not name keeps the device's task; so do all if `task` is None.
     """
     own: dict[str, str | Path | Task] = {axis.name: axis.task for axis in device.axes}
     if task is None:
@@ -133,14 +133,14 @@ def tasks_of_axes(
 
 
 def task_text(tasks: Mapping[str, str]) -> str:
-    """Return the text of the tasks of all axes, which `tasks_of_axes` reads."""
+    """Return a text with the tasks of all axes, which `tasks_of_axes` can read."""
     if len(tasks) == 1:
         return next(iter(tasks.values()))
     return ",".join(f"{name}={task}" for name, task in tasks.items())
 
 
 def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
-    """Return texts, in place of each like `hip=pi,ankle=model` its parts."""
+    """Return the texts, with ones such as `hip=pi,ankle=model` split into values."""
     names = tuple(axes)
     found: list[str] = []
     for text in texts:
@@ -150,13 +150,13 @@ def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
 
 
 def split_metric(name: str) -> tuple[str, str]:
-    """Return axis and metric of a name; the axis is "" for all axes."""
+    """Return axis and metric of `AXIS.NAME`; the axis of `NAME` is ""."""
     axis, _, own = name.rpartition(".")
     return axis, own
 
 
 def known_metric(name: str) -> Metric | None:
-    """Return the metric of a column, `NAME` or `AXIS.NAME`; None where it is none."""
+    """Return the metric of a column `NAME` or `AXIS.NAME`; None if it is no metric."""
     axis, own = split_metric(name)
     found = METRICS.get(own)
     if found is None or not axis:
@@ -165,7 +165,7 @@ def known_metric(name: str) -> Metric | None:
 
 
 def metric_of(name: str) -> Metric:
-    """Return the metric of a name that was found before, `NAME` or `AXIS.NAME`."""
+    """Return the metric of a column `NAME` or `AXIS.NAME`, which must exist."""
     found = known_metric(name)
     if found is None:
         raise KeyError(name)
@@ -208,7 +208,7 @@ def require_axes(names: Sequence[str], axes: Sequence[str]) -> None:
 
 
 def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]:
-    """Return variables of which designs with these names lack one; () if none."""
+    """Return variables of which a metric needs one that `names` lacks; else ()."""
     for key in metric.needs:
         ways = REQUIRED_VARIABLES.get(key, ())
         if ways and not any(name in names for name in ways):
@@ -219,10 +219,10 @@ def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]
 def missing_fact(
     metric: Metric, names: Collection[str], device: Description
 ) -> str | None:
-    """Return what would have to be written for a metric of designs with these names.
+    """Return what a metric needs that neither the device nor its variables give.
 
-    Key and table of the description, as a part of a sentence; None where nothing of the
-    device is missing.
+    That is a clause with key and table of the description; None if nothing is missing.
+    `names` are the variables of the designs.
     """
     rope = math.isnan(device.diameter) and "diameter" not in names
     own = metric.name.rpartition(".")[2]
@@ -237,12 +237,12 @@ def missing_fact(
 
 
 def is_stride_metric(name: str) -> bool:
-    """Return whether a metric is of the strides of a joint that walks."""
+    """Return whether a metric is measured over the strides of a walking joint."""
     return Key.PACE in metric_of(name).needs
 
 
 def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the metric of each column of the axes, `AXIS.METRIC`; {} for one axis."""
+    """Return the metric of each column `AXIS.METRIC`; {} for one axis."""
     names = (n for n in protocol.metrics if "." not in n and METRICS[n].of_axis)
     columns = {f"{axis}.{name}": name for name in names for axis in protocol.axes}
     return {c: name for c, name in columns.items() if c not in protocol.metrics}
@@ -251,7 +251,7 @@ def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
 def over_axes(
     protocol: EpisodeProtocol, found: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return metrics of the worst axis; axes may lack `AXIS.METRIC` in `found`."""
+    """Return each metric of the worst axis, from `AXIS.METRIC` in `found`."""
     worst = {}
     for name in protocol.metrics:
         each = [found[n] for a in protocol.axes if (n := f"{a}.{name}") in found]
@@ -262,7 +262,7 @@ def over_axes(
 
 
 def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
-    """Return metric and controller of each column `METRIC@CONTROLLER`; {} for one."""
+    """Return metric and controller of each column `METRIC@CONTROLLER`, {} for one."""
     if len(protocol.controllers) == 1:
         return {}
     driven = [name for name in protocol.metrics if metric_of(name).driven]
@@ -271,7 +271,7 @@ def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
 
 
 def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the metric of each column of least or greatest number over the cases."""
+    """Return the metric of each column `METRIC@least` or `METRIC@most` over cases."""
     if not protocol.across.several:
         return {}
     ends = (LEAST_SUFFIX, MOST_SUFFIX)

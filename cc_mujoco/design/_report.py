@@ -1,4 +1,4 @@
-"""Files of a finished study in addition to its table: ranking, effects, figures."""
+"""Report of a finished study: ranking, effects and figures as files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,10 @@ REPORT_FILES = (REPORT_FILE, RANKING_FILE, *TABLE_FILES, *CAPTIONS)
 def write_report(
     folder: Path, found: RankedStudy, command: str = ""
 ) -> tuple[Path, ...]:
-    """Write all that is made of a study, which `command` made; return the files."""
+    """Write the report of a study into its folder; return the files.
+
+    `command` is that of the command line which made the study.
+    """
     (folder / MANIFEST).unlink(missing_ok=True)  # until all is written
     tables = {
         SOBOL_FILE: sobol_table(found.sensitivities),
@@ -80,7 +83,7 @@ def write_report(
 
 
 def _drawings(found: RankedStudy) -> Iterator[tuple[str, Figure]]:
-    """Yield the figures that a study has, keys of `CAPTIONS`."""
+    """Yield name (a key of `CAPTIONS`) and figure of each plot of a study."""
     goals = [goal.name for goal in found.goals]
     if found.best is not None and found.varied:
         first, *others = goals
@@ -163,7 +166,7 @@ def _page(found: RankedStudy, folder: Path, drawn: Container[str], command: str)
 
 
 def markdown(found: RankedStudy) -> str:
-    """Return the ranking as Markdown, with effects and indices below."""
+    """Return the ranking as Markdown, followed by main effects and Sobol indices."""
     protocol, rows, limits = found.protocol, found.rows, found.limits
     failed = [str(row["failed"]) for row in rows if row["failed"]]
     parts = [
@@ -232,9 +235,10 @@ def _slopes_table(found: Around) -> pa.Table:
 
 
 def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
-    """Return the indices of all metrics, one per row; `other` is null except for pairs.
+    """Return the Sobol indices of all metrics, one per row.
 
-    `error` is 0 where they are exact; a share below it is 0.
+    `other` is null except for pairs; `error` is 0 for exact indices. Indices below
+    their error are 0.
     """
     rows = []
     for one in found:

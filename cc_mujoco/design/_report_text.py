@@ -1,4 +1,4 @@
-"""Text of the page of a study, section by section; nothing here draws."""
+"""Texts and tables of a study's report page, section by section, without figures."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class RankedStudy:
 
 
 def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
-    """Return the objectives given, or usual ones of those that have numbers."""
+    """Return the objectives of a study, or default ones among metrics with numbers."""
     if plan.objectives:
         return plan.objectives
     measured = plan.protocol.metrics
@@ -127,7 +127,10 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
 
 
 def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
-    """State the answer, the next command and the question; `folder` is of the study."""
+    """Return the top of the page: answer, next command and question.
+
+    `folder` is that of the study.
+    """
     meaning = found.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words(list(map(_wish, found.goals)))
@@ -172,7 +175,7 @@ def answer_sentence(found: RankedStudy) -> str:
 
 
 def _summary_answer(found: RankedStudy, folder: Path) -> Html:
-    """State the certainty and the next step, for readers who stop here."""
+    """Return certainty and next step, as a summary for readers who stop here."""
     row, edges = found.best, variables_at_ends(found)
     assert row is not None
     study = shlex.quote(str(folder.resolve()))
@@ -187,7 +190,7 @@ def _summary_answer(found: RankedStudy, folder: Path) -> Html:
 
 
 def near_best_sentence(found: RankedStudy) -> str:
-    """State how many other designs are about as good as the best, if there is one."""
+    """Return a sentence on how many other designs are about as good as the best."""
     first = int(found.order[0])
     good = ~np.isnan(found.cost).any(axis=1)
     if good.sum() == 1:
@@ -204,7 +207,7 @@ def near_best_sentence(found: RankedStudy) -> str:
 
 
 def variables_at_ends(found: RankedStudy) -> list[tuple[str, str]]:
-    """Return the variables that are at an end of their range in the best design."""
+    """Return the best design's variables at an end of their range, and which end."""
     row, ranges = found.best, found.plan.ranges
     if row is None:
         return []
@@ -308,7 +311,7 @@ def confidence(found: RankedStudy) -> Html | None:
 
 
 def material_sentence(plan: Plan) -> str:
-    """Return how far the friction of varied materials is known; empty without any."""
+    """Return a warning if a study varies materials, whose friction is uncertain."""
     named = {name.rpartition(".")[2] for name in plan.ranges}
     covered = {*named, *plan.protocol.across.names}
     if "material" not in named or "material_friction" in covered:
@@ -359,7 +362,7 @@ def _better_neighbour(found: RankedStudy, price: follow_up.Price) -> str:
 
 
 def controllers(found: RankedStudy) -> Html | None:
-    """State how far the findings depend on the controller; None where there is one."""
+    """Return how much the ranking depends on the controller; None if there is one."""
     laws = found.protocol.controllers
     goals = [goal for goal in found.goals if metric_of(goal.name).driven]
     if len(laws) == 1 or not goals:
@@ -524,7 +527,7 @@ def controllers_out(found: RankedStudy) -> list[str]:
 
 
 def failure_reasons(found: RankedStudy) -> list[str]:
-    """Return how many designs fail for each reason, the most frequent first."""
+    """Return a sentence per reason of failures, the most frequent first."""
     failed = (str(row["failed"]).rstrip(".") for row in found.rows if row["failed"])
     counts = Counter(re.sub(r"-?\d[\d.,e+-]*", "…", why) for why in failed)
     return [
@@ -580,7 +583,7 @@ def common_values(found: RankedStudy) -> Html:
 
 
 def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
-    """Yield the cable, variable and its value in the scene, no defaults but three."""
+    """Yield cable, variable and value of the scene, mostly without defaults."""
     for name, cable in device.cables.items():
         for p in PARAMETERS:
             value = getattr(cable, p.name)
@@ -621,7 +624,7 @@ def _quantities(row: Row, names: Iterable[str]) -> str:
 
 
 def _range_end(values: Range, value: object) -> str:
-    """Return the end of the range at which a value lies, or "" inside the range."""
+    """Return "low" or "high" if a value is within 2 % of that end, else ""."""
     levels = [level for level in values.levels if not isinstance(level, str)]
     ends = values.ends or ((min(levels), max(levels)) if levels else None)
     if ends is None or isinstance(value, str) or ends[0] == ends[1]:
@@ -646,7 +649,7 @@ def column_title(name: str) -> str:
 
 
 def format_cell(value: object) -> str:
-    """Return a value to three significant digits, `-` if there is none."""
+    """Return a value to three significant digits, or `-` for None."""
     if value is None:
         return "-"
     if not isinstance(value, float):
@@ -656,20 +659,20 @@ def format_cell(value: object) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return a name as it is written in a sentence, that of an axis as `hip: ...`."""
+    """Return a name as words of a sentence, an axis's metric as `hip: peak torque`."""
     owner, own = split(name)
     text = own.replace("_", " ")
     return f"{owner}: {text}" if owner else text
 
 
 def format_quantity(name: str, value: object) -> str:
-    """Return a value with its unit, as it is written in a sentence."""
+    """Return a value with its unit, for a sentence."""
     unit, text = unit_of(name), format_cell(value)
     return f"{text} {unit}" if unit and value is not None else text
 
 
 def index_text(share: float, error: float | None, form: str = ".3f") -> str:
-    """Return an index as text, with its error unless it is exact."""
+    """Return a Sobol index as text, with its error unless that is None (exact)."""
     if error is None:
         return f"{share:{form}}"
     return f"{share:{form}} ± {error:{form}}" if share else f"- ± {error:{form}}"

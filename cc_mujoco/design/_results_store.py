@@ -1,9 +1,9 @@
-"""The folder of a study: finished batches while it runs, its table at the end.
+"""Folder of a study: finished batches while it runs, and its table at the end.
 
-`study.json` says what the study is; `parts` holds a file for every finished batch,
-whole or not at all, so that an interrupted study goes on where it was; `table.parquet`
-is the table of all, and takes the place of the parts. Tables and parts carry what made
-them (`identity`): what other code made is never taken for this study's.
+`study.json` describes the study. `parts` has a complete file for every finished batch,
+so that an interrupted study can continue. `table.parquet` is the table of all, and
+replaces the parts. Tables and parts carry the provenance of their code (`identity`):
+results of other code are not mixed with this study's.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class Store:
     """Finished designs of a study, kept in a folder or, without one, in memory."""
 
     def __init__(self, plan: Plan, folder: Path | None, again: bool = False) -> None:
-        """Open the folder, made if need be, and find the finished batches.
+        """Open the folder, or make it, and find the finished batches.
 
-        With `again` all begins anew; a table that is there stays until the new one
-        takes its place. A folder that holds another study, or what other code made, is
+        With `again` all are simulated anew; an existing table stays until the new one
+        replaces it. A folder with another study, or with results of other code, is
         refused.
         """
         self.plan, self._folder = plan, folder  # the study; that of a search grows
@@ -143,7 +143,7 @@ class Store:
             pq.write_table(table, partial)
 
     def _kept(self, batch: int) -> pa.Table:
-        """Return the results of a batch from the folder, to save memory."""
+        """Return the results of a batch from its file, or from memory."""
         if self._folder is None:
             return self._tables[batch]
         part = _part(self._folder, batch)
@@ -156,7 +156,7 @@ class Store:
             ) from None
 
     def table(self) -> pa.Table:
-        """Return the table of all designs in order; `missing` must be empty."""
+        """Return the table of all designs in order; none may be missing."""
         if self.whole is None:
             self.whole = provenance.with_provenance(self._join(), self._code_provenance)
             if self._folder is not None:
@@ -167,7 +167,7 @@ class Store:
         return self.whole
 
     def results(self, first: int = 0) -> list[DesignResult]:
-        """Return metrics and failures from a design on; `missing` must be empty."""
+        """Return the results of all designs from `first` on; none may be missing."""
         names = protocols.number_columns(self.plan.protocol)
         rows: dict[int, DesignResult] = {}
         for number, members in enumerate(self.plan.batches):
@@ -199,7 +199,7 @@ def _design_digest(written: Sequence[str]) -> tuple[int, bytes]:
 
 
 def require_ours(folder: Path) -> None:
-    """Find out, before long work, whether a study may be kept in a folder."""
+    """Refuse a folder in which a study cannot be kept; call before long work."""
     atomic_io.require_ours(folder, _has_study)
 
 
@@ -238,7 +238,7 @@ def read_study(folder: Path) -> dict[str, Any]:
 
 
 def read_protocol(folder: Path) -> dict[str, Any]:
-    """Read the protocol of the study in a folder, to play it again."""
+    """Return the protocol of the study in a folder, to simulate designs again."""
     protocol: dict[str, Any] = read_study(folder)["protocol"]
     free: dict[str, Container[str]]
     free = {"trajectory": TRAJECTORIES, "task": TASKS, "controllers": (), "own": ()}
@@ -289,7 +289,7 @@ def _describe_difference(key: str, found: object, value: object) -> str:
 def _columns(
     results: Sequence[DesignResult], protocol: EpisodeProtocol
 ) -> dict[str, pa.Array]:
-    """Return columns of metrics, null without a number, controllers and failures."""
+    """Return columns of metrics (null without a number), controllers and failures."""
     columns = {}
     for name in protocols.number_columns(protocol):
         values = [row.metrics[name] for row in results]
@@ -307,7 +307,7 @@ def _columns(
 
 
 def failure_columns(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the controllers by their columns of failures; {} for one."""
+    """Return the controller of each column `failed@CONTROLLER`; {} for one."""
     laws = protocol.controllers if len(protocol.controllers) > 1 else ()
     return {f"{FAILED_COLUMN}@{law}": law for law in laws}
 

@@ -1,11 +1,11 @@
-"""Cases over which a design is judged: a liner that ages, wearers that differ.
+"""Cases in which every design is evaluated, such as a worn liner or other wearers.
 
     across = read_across({"wearer": "0.5,2", "friction": "0.08,0.16"}, "worst", device)
     across.cases                        # 4 of them
     across.of([3.0, 5.0, 4.0, 1.0], high=False)  # 5.0
 
-A case changes the plant beneath a design: variables of the scene, and how stiff the
-wearer is. Controllers are made for what they drive, in every case anew.
+A case changes variables of the scene, or the wearer's stiffness, in addition to a
+design. Controllers are made anew for the plant of every case.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ which is the first without a number where there is one."""
 
 @dataclass(frozen=True)
 class Across:
-    """Cases of every design, and the aggregation of its metrics over them."""
+    """Cases of every design, and the aggregation of metrics over them."""
 
     levels: tuple[tuple[str, tuple[Value, ...]], ...] = ()  # names and their values
     rank: str = "worst"  # key of `RANK_NAMES`
@@ -53,14 +53,14 @@ class Across:
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        """Every combination, the last fastest; without levels one without changes."""
+        """All combinations of the levels, the last fastest; ({},) without levels."""
         return tuple(grid({name: Range(values) for name, values in self.levels}))
 
     def of(self, values: Sequence[float], high: bool) -> float:
-        """Return the metric of a design from its values in the cases, NaN if one is.
+        """Return a metric aggregated over the cases; NaN if one value is NaN.
 
-        The percentile is interpolated linearly, from the bad end: of a metric that
-        should be high, it is the 10th.
+        `rank` selects worst, mean or 90th percentile. The percentile is interpolated
+        linearly and counts from the good end: if `high` is better, it is the 10th.
         """
         if self.rank == "mean":
             return float(np.mean(values))
@@ -69,7 +69,7 @@ class Across:
         return float(np.min(values) if high else np.max(values))
 
     def worst(self, values: Sequence[float], high: bool) -> str:
-        """Return the name of the worst case: the first NaN, else the extreme value."""
+        """Return the label of the worst case: the first NaN, else the extreme value."""
         place = np.argmin(values) if high else np.argmax(values)
         return self.label(self.cases[int(place)])
 
@@ -78,13 +78,13 @@ class Across:
         return ", ".join(f"{name}={format_short(v)}" for name, v in case.items())
 
     def aggregation(self) -> str:
-        """Describe how a number of a design is aggregated, and over which cases."""
+        """Return words for the aggregation of metrics and the cases."""
         texts = [f"{n} {', '.join(map(format_short, v))}" for n, v in self.levels]
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
         return f"the {RANK_NAMES[self.rank]} over {many} ({'; '.join(texts)})"
 
     def check(self, device: Device, design: Mapping[str, object]) -> dict[str, Value]:
-        """Return the design after the checks of `Plant.check`."""
+        """Return a design's values, checked by `Plant.check` in every case."""
         for name in design:  # a plant has more that may change
             find(name, device.cables, device.axis_cables)
         for case in self.cases:
@@ -98,7 +98,7 @@ class Across:
         return {name: plant.values[name] for name in design}
 
     def layout(self, device: Device, design: Mapping[str, Value]) -> tuple[object, ...]:
-        """Return a key that is equal for designs of one batch in all cases."""
+        """Return a key that is equal for designs that one batch may contain."""
         return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 
     def require_disjoint(self, varied: Iterable[str]) -> None:
@@ -122,10 +122,10 @@ def read_across(
     device: Nominal,
     turned: Iterable[str] = (),
 ) -> Across:
-    """Parse the cases over which designs are judged.
+    """Return the cases in which designs are evaluated.
 
-    `given` has values of each name, see `_designs.read_range`, and `wearer`. `rank` is
-    a key of `RANK_NAMES`, the worst by default. For `turned` see `Across`.
+    `given` has the values of each variable, see `_designs.read_range`, and of `wearer`.
+    `rank` is a key of `RANK_NAMES`, by default the worst. For `turned` see `Across`.
     """
     if rank is not None:
         look_up("rank", rank, RANK_NAMES)
@@ -156,7 +156,7 @@ def read_across(
 
 
 def _set_same_parameter(name: str, other: str) -> bool:
-    """Return whether two names of variables set the same of one cable."""
+    """Return whether two variables would set the same parameter of one cable."""
     (cable, own), (another, its) = split(name), split(other)
     if cable and another and cable != another:
         return False

@@ -1,13 +1,12 @@
-"""Sensitivity: main effects, and the share of a metric's variance of each variable.
+"""Sensitivity: main effects, and each variable's share of a metric's variance.
 
-Sobol's indices split the variance of a metric among variables and pairs of them. Where
-the designs are a full grid and all have the number, the split is exact over that grid.
-Otherwise a surface is fitted (`Surface`) and the indices are those of the surface over
-the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
-What the surface does not predict of the variance belongs to no variable. The error
-of an index is how far those of surfaces through random halves of the designs lie off,
-which is the sampling error and what more designs would still change, together with that
-part that is not predicted. An index below its error is 0.
+Sobol's indices split the variance of a metric among variables and pairs of them. If the
+designs are a full grid and all have a number, the split is exact over that grid. Else a
+surface is fitted (`Surface`), whose indices over the ranges are estimated as in
+Saltelli et al. (2010) with `scipy.stats.sobol_indices`. Variance that the surface does
+not predict belongs to no variable. The error of an index combines that part with the
+scatter of indices of surfaces through random halves of the designs. An index below its
+error is 0.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ LOG2_POINTS = 11
 
 @dataclass(frozen=True)
 class Surface:
-    """Smooth fit of a metric over the design variables."""
+    """Smooth fit of a metric as a function of the design variables."""
 
     x: Array  # (n, variables) places of the designs on the scales of the variables
     y: Array  # (n,) metric of the designs
@@ -57,7 +56,10 @@ class Surface:
         return np.asarray(self._fitted(x[:, self.active]))
 
     def halves(self, count: int) -> Iterator[Surface]:
-        """Yield surfaces through random halves of the designs, if they exist."""
+        """Yield surfaces through `count` random halves of the designs.
+
+        Halves through which no surface can be fitted are skipped.
+        """
         rng = np.random.default_rng(1)
         for _ in range(count):
             half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
@@ -69,7 +71,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Dependence of one metric on the variables."""
+    """Main effects and Sobol indices of one metric."""
 
     metric: str
     how: str  # origin of the numbers, for a reader
@@ -84,23 +86,23 @@ class Sensitivity:
     errors: Indices = ({}, {}, {})  # of `first`, `total`, `pairs`, if not exact
 
     def value_texts(self, name: str, text: Callable[[float], str]) -> Sequence[str]:
-        """Return the values of a variable in its effect, numbers by `text`."""
+        """Return a variable's values in its effect as texts, numbers by `text`."""
         return self.levels.get(name) or [*map(text, self.effects[name][0].tolist())]
 
     def extremes(self, name: str, text: Callable[[float], str]) -> list[str]:
-        """Return the least and the greatest mean along a variable, and where."""
+        """Return texts of the least and greatest mean over a variable, and where."""
         means, values = self.effects[name][1], self.value_texts(name, text)
         ends = int(np.argmin(means)), int(np.argmax(means))
         return [f"{text(float(means[k]))} at {values[k]}" for k in ends]
 
     @property
     def ranked(self) -> list[str]:
-        """Names of the variables by falling share."""
+        """Names of the variables by decreasing total index."""
         return sorted(self.total, key=lambda name: -self.total[name])
 
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
-    """Return the sensitivity of a metric; None if it does not vary or few have it."""
+    """Return a metric's sensitivity; None if constant, or known of too few designs."""
     y = np.asarray(table[metric].to_numpy(zero_copy_only=False), dtype=np.float64)
     varied = plan.varied
     good = np.isfinite(y)
@@ -122,7 +124,7 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
 
 
 def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
-    """Return the means over the other variables of a full grid."""
+    """Return the sensitivity of a metric `y` that is known on a full grid."""
     names = plan.varied
     shape = [len(plan.ranges[name].levels) for name in plan.ranges]
     keep = [i for i, name in enumerate(plan.ranges) if name in names]
@@ -183,7 +185,7 @@ def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
 def _main_effects(
     means: Mapping[str, tuple[Sequence[Value], Array]],
 ) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
-    """Return `effects` and `levels`, with texts numbered 0, 1, 2, ..."""
+    """Return the fields `effects` and `levels`, with texts numbered 0, 1, 2, ..."""
     levels = {
         name: tuple(map(str, values))
         for name, (values, _) in means.items()
@@ -207,7 +209,7 @@ def _named_indices(names: Sequence[str], found: Array) -> Indices:
 
 
 def _scale_points(axes: Sequence[Range], unit: Array) -> Array:
-    """Return points of the unit cube on the scales of the variables (n, variables)."""
+    """Return points of the unit cube, scaled as the fit's `x` (n, variables)."""
     columns = [axis.code(axis.at(u)) for axis, u in zip(axes, unit.T, strict=True)]
     return np.stack(columns, axis=-1)
 
@@ -243,7 +245,11 @@ def _indices(surface: Surface, axes: Sequence[Range], power: int, seed: int) -> 
 def _pair_effects(
     at: Callable[[Array], Array], count: int, power: int, seed: int
 ) -> Array:
-    """Return effects of pairs alone: closed indices from points that share columns."""
+    """Return the interaction index of every pair of variables (count, count).
+
+    Closed indices of pairs come from points that share two columns; subtract the
+    firsts.
+    """
     from scipy.stats import qmc
 
     rng = np.random.default_rng([2, seed])
@@ -265,7 +271,10 @@ def _pair_effects(
 
 
 def fit(x: Array, y: Array) -> Surface | None:
-    """Fit `y` (n,) over `x` (n, variables); None if too few, or nothing predicts it."""
+    """Return a surface for `y` (n,) over `x` (n, variables).
+
+    None if there are too few designs, or if the fit predicts no variance.
+    """
     rng = np.random.default_rng(0)
     # At most 1000 designs are fitted.
     shuffled = rng.permutation(len(y))[:1000]
@@ -284,7 +293,7 @@ def fit(x: Array, y: Array) -> Surface | None:
 
 
 def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
-    """Return the columns that improve the prediction of held-out designs."""
+    """Return the columns of `x` that improve the prediction of held-out designs."""
     active = tuple(range(x.shape[1]))
     while active:
         smoothing, error = _best_smoothing(x[:, active], y)
@@ -309,7 +318,7 @@ def _best_smoothing(x: Array, y: Array) -> tuple[float, Array]:
 
 
 def _left_out_errors(x: Array, y: Array, smoothing: float) -> Array:
-    """Return the squared error at every design of a spline without its fold, of 5."""
+    """Return squared errors of splines at designs left out of them, in 5 folds."""
     error = np.zeros_like(y)
     for fold in range(5):
         out = np.arange(len(y)) % 5 == fold

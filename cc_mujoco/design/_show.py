@@ -1,4 +1,4 @@
-"""Designs of a finished study, played again: one, or two beside each other."""
+"""Simulation of one design of a finished study again, or of two to compare them."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ FILES = (TABLE, PICTURE, RECORDING)
 
 
 class FinishedStudy:
-    """The study in a folder, whose table is there."""
+    """Finished study in a folder: its protocol and table."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Read it; see `read_protocol` and `read_table`."""
+        """Read the folder; see `read_protocol` and `read_table`."""
         self.folder = Path(folder)
         self.about, self.protocol = read_study(self.folder), read_protocol(self.folder)
         self.table = read_table(self.folder)
@@ -50,7 +50,7 @@ class FinishedStudy:
         self._across = Across(tuple((n, tuple(each)) for n, each in levels.items()))
 
     def row(self, number: int) -> dict[str, Any]:
-        """Return a row of the table, by column."""
+        """Return the row of design `number` in the table, by column."""
         if not 0 <= number < len(self.table):
             raise CableError(
                 f"the study in {self.folder} has designs 0 to {len(self.table) - 1}, "
@@ -60,7 +60,7 @@ class FinishedStudy:
         return found
 
     def case(self, row: int, case: int | None = None) -> Case:
-        """Return the case in which `show` plays a design; {} if there are no cases."""
+        """Return the case in which `show` simulates a design; {} without cases."""
         cases = self._across.cases
         if case is None:
             column = f"{self.protocol['metrics'][0]}@{WORST_CASE_SUFFIX}"
@@ -95,13 +95,13 @@ def show(
     case: int | None = None,
     allow: str | Iterable[str] = (),
 ) -> tuple[EpisodeLog, mujoco.MjModel]:
-    """Play a design of a study in the whole scene; return its log and the model.
+    """Simulate a design of a study in the complete scene; return log and model.
 
-    The log is bit for bit the one that the study measured. `row` is the number of the
-    design, column `design` of its table. `case` is one of a study over several, counted
-    from 0; by default that in which the first metric is worst, or the first where the
-    design failed. `progress` is called with the simulated time [s]. The files of the
-    study may name the code `allow`, as `MODULE:NAME`.
+    The log equals the one that the study measured bit for bit. `row` is the number of
+    the design, column `design` of the table. `case` is the index of a case, from 0; by
+    default that in which the first metric is worst, or the first if the design failed.
+    `progress` is called with the simulated time [s]. `allow` has `MODULE:NAME` of user
+    code that the files of the study may name.
 
     Raises:
         CableError: there is no finished study or no such row, its code or files
@@ -165,7 +165,7 @@ def show(
 
 
 class Pair(NamedTuple):
-    """A variable or a metric of two designs."""
+    """Variable or metric of two designs."""
 
     name: str  # with its unit, if it has one
     one: object
@@ -173,7 +173,7 @@ class Pair(NamedTuple):
 
     @property
     def difference(self) -> float | None:
-        """Difference of two values; None unless both are numbers."""
+        """Difference of both values; None unless both are numbers."""
         both = self.one, self.other
         if not all(isinstance(v, int | float) and type(v) is not bool for v in both):
             return None
@@ -181,7 +181,7 @@ class Pair(NamedTuple):
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """Both values and their difference, in words."""
+        """Both values and their difference, as texts."""
         one, other = format_cell(self.one), format_cell(self.other)
         return one, other, format_cell(self.difference)
 
@@ -189,7 +189,7 @@ class Pair(NamedTuple):
 def compare(
     study: FinishedStudy, row: int, against: int, case: int | None = None
 ) -> list[Pair]:
-    """Return what the table has of two rows, by number; `case` is as in `show`."""
+    """Return variables and metrics of two designs by number; `case` as in `show`."""
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
     study.find_user_metrics()
@@ -207,7 +207,7 @@ def compare(
 
 
 def require_ours(out: str | Path) -> None:
-    """Find out, before designs are played, whether `FILES` may be written there."""
+    """Refuse a folder in which `FILES` cannot be written; call before simulations."""
     atomic_io.require_ours(out, lambda place: figures.is_ours(place / PICTURE))
 
 
@@ -219,10 +219,10 @@ def write_comparison(
     case: int | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> list[Pair]:
-    """Play two designs of a study and write table, figure and recording of both.
+    """Simulate two designs of a study; write table, figure and recording of both.
 
-    `out` is a folder for `FILES`, made if need be; differences are taken from
-    `against`. `case` and `progress` are as in `show`. Returns what the table holds.
+    `out` is the folder for `FILES`, made if needed; differences are `row` minus
+    `against`. `case` and `progress` are as in `show`. Returns the rows of the table.
     """
     from cc_mujoco.viz import _comparison as comparison
 

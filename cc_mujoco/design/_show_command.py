@@ -1,4 +1,4 @@
-"""`cc-mujoco whatif-show`: the recording of one design of a study."""
+"""`cc-mujoco whatif-show`: simulate a design of a study again, with a recording."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Specification of a study: its fields, with their defaults and meanings, once.
+"""Specification of a study: its fields, with defaults and meanings.
 
     StudySpec("wrist", {"friction": "0.05:0.3:10"}, metrics=["slack_margin"])
 
-The command line fills it from its options, Python from the keywords of `study` and
-`optimise`; `make_plan` checks it. In Python `vary` and `across` are
-dictionaries whose values are texts, numbers or sequences of values; `designs` may be a
-list of dictionaries, `trajectory` and `task` objects of `human`, `metrics` objects. The
-help of the command needs this module, so it loads nothing that takes long.
+The command line fills it from options, Python from the keywords of `study` and
+`optimise`; `make_plan` checks it. In Python, `vary` and `across` are dictionaries whose
+values are texts, numbers or sequences; `designs` may be a list of dictionaries,
+`trajectory`, `task` and `metrics` may be objects. The help of the command imports this
+module, so that it must load quickly.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ rotor, cables and delay."""
 
 
 def _option(metavar: str, read: Any, name: str | None = None) -> Any:
-    """Return how the command line reads a field; its help shows no default None."""
+    """Return tyro's settings for a field with the parser `read` and no default."""
     return tyro.conf.arg(
         name=name, metavar=metavar, help_behavior_hint="", constructor=read
     )
 
 
 def _repeated(metavar: str, name: str | None = None) -> Any:
-    """Return an option that is given once for each of its values."""
+    """Return tyro's settings of an option that is given once for each value."""
     read = tyro.conf.UseAppendAction[Texts]
     return tyro.conf.arg(name=name, metavar=metavar, constructor=read)
 
 
 @dataclass(frozen=True)
 class StudySpec:
-    """Everything that decides the results of a study."""
+    """All options that determine the results of a study."""
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENE]")] = (
         "wrist"
@@ -112,7 +112,7 @@ class StudySpec:
 
 @dataclass(frozen=True)
 class Execution:
-    """Machine and workers on which a study runs; its results do not depend on them."""
+    """Threads or workers that execute a study; results do not depend on them."""
 
     threads: Annotated[int, tyro.conf.arg(name="workers", help_behavior_hint="")] = 0
     """Threads that simulate; one per processor unless given."""

@@ -18,7 +18,7 @@ BACKENDS = ("mujoco", "warp")
 
 
 def register() -> None:
-    """Register every environment with Gymnasium, once; `import cc_mujoco` does it."""
+    """Register every environment with Gymnasium, once, when `cc_mujoco` is imported."""
     import gymnasium
 
     for name, device in {**IDS, "cc_mujoco/Device-v1": ""}.items():

@@ -1,4 +1,4 @@
-"""Training with rsl_rl on a vector environment.
+"""Vector environment for training with rsl_rl.
 
     many = make_vec(ID, 64, autoreset_mode="Disabled", hold=5, history=4)
     runner = OnPolicyRunner(RslRl(many), config)

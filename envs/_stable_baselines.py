@@ -1,4 +1,4 @@
-"""Training with Stable-Baselines3 on a vector environment.
+"""Vector environment for training with Stable-Baselines3.
 
     many = make_vec(ID, 64, autoreset_mode="SameStep", hold=5, history=4)
     model = PPO("MlpPolicy", VecNormalize(StableBaselines(many)))

@@ -73,11 +73,11 @@ class DeviceVectorEnv(
         backend: str = "mujoco",
         **unknown: Any,
     ) -> None:
-        """Load the scene; what is not listed is as in the single environment.
+        """Load the scene; arguments not listed are those of `DeviceEnv`.
 
         - `num_envs`: number of environments;
-        - `render_mode`: without one the model has nothing that is only seen, and takes
-          no time for it;
+        - `render_mode`: without one visual elements, which take time, are left out of
+          the model;
         - `max_episode_steps`: truncates episodes that are longer;
         - `threads`: threads that simulate; 0 means one per processor;
         - `autoreset_mode`: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
@@ -278,10 +278,7 @@ class DeviceVectorEnv(
     def _info(
         self, terms: Array, described: NDArray[np.bool_] | None = None
     ) -> LazyInfo:
-        """Return the `info` of the environments in a mask: arrays, and masks of them.
-
-        `terms` are those of the reward (4, num_envs), which must not be changed.
-        """
+        """Return the `info` of environments in a mask; `terms` are the rewards'."""
         return LazyInfo(self._columns, self._episodes.snapshot(), terms, described)
 
     def _columns(

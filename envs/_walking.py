@@ -1,4 +1,4 @@
-"""A person who walks on the ground, with an ankle exoskeleton on each leg."""
+"""Gymnasium environment of a person who walks with two ankle exoskeletons."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Calibrate:
     """Fit hysteresis to a trial; write the parameters of position controllers.
 
-    The commands read the file beside the scene. It is never overwritten.
+    Other commands read that file beside the scene. It is never overwritten.
     """
 
     scene: Scene

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ShowDevice:
-    """Show what a scene tells of a device and what is assumed; write its description.
+    """Show what is derived and assumed about a device; write its description.
 
-    A description that is there already is read and never overwritten.
+    An existing description is read and never overwritten.
     """
 
     scene: Scene

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Listing:
-    """Show the names that other commands take; with a word, what they mean."""
+    """Show the names that other commands accept; with a word, their meanings."""
 
     word: Annotated[
         str,

@@ -10,9 +10,9 @@ from cc_mujoco._utils.command_options import Flag, Names, Scene, option_help
 
 @dataclass(frozen=True)
 class ShowTendons:
-    """Show where the spatial tendons of a scene turn and what friction takes there.
+    """Show where the spatial tendons of a scene bend, and the friction there.
 
-    The scene needs no cables: so friction can be judged before it is added.
+    The scene needs no cables, so that friction can be judged before it is added.
     """
 
     scene: Scene

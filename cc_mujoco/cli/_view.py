@@ -1,4 +1,4 @@
-"""`cc-mujoco view`: a scene in MuJoCo's viewer, with sliders."""
+"""`cc-mujoco view`: a scene in MuJoCo's viewer, with sliders for its controls."""
 
 from __future__ import annotations
 

@@ -175,10 +175,7 @@ def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
 def _surface_grid(
     study: RankedStudy, one: Sensitivity, surface: Surface, across: str, up: str
 ) -> tuple[Array, dict[str, Sequence[object]]]:
-    """Return a fitted surface's values (up, across), and its ticks by variable.
-
-    Other variables are mid-range; values outside the hull of the designs are NaN.
-    """
+    """Return a surface (up, across), NaN outside the designs' hull, and its ticks."""
     names, axes = study.varied, study.plan.ranges
     # Cells along each side of the heat map of a surface
     shares = {name: axes[name].shares(41) for name in (across, up)}

@@ -213,10 +213,7 @@ class _Scores:
         return found | protocols.over_axes(protocol, found)
 
     def _log(self, played: Rollout, row: int, axis: int) -> ArrayLog:
-        """Return one axis of a design in the form of an episode log.
-
-        The tension of nodes is the least of all nodes at each time (T, 1) [N].
-        """
+        """Return one axis of a design as a log, with the least tension of nodes."""
         own = axis_columns(played.columns, played.prefixes[axis], played.prefixes)
         columns = {name: values[row] for name, values in own.items()}
         names = "dissipated_j", "tension_n", "least_tension_n"
@@ -253,10 +250,7 @@ class _Scores:
 def _facts(
     protocol: EpisodeProtocol, plant: Plant, strides: Mapping[str, GaitJoint]
 ) -> list[dict[str, Any]]:
-    """Return the constants of each axis that metrics need.
-
-    `strides` has the joint of the gait that each walking axis follows, by axis.
-    """
+    """Return the constants of each axis; `strides` has joints of a gait by axis."""
     found = []
     for axis in plant.description.axes:
         task = protocol.task
@@ -343,10 +337,7 @@ def episodes(
 
 
 def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
-    """Return a sentence if the task exceeds a design's motor or safe torque, else "".
-
-    See `WornDevice.beyond`.
-    """
+    """Return why the task exceeds a design's motor or safe torque, or ""."""
     plant = Plant(protocol.device, {**design, **protocol.across.cases[0]})
     exo = _main_episode(protocol, [plant.values]).exo(plant.model())
     return exo.beyond(exo.author.write(np.random.default_rng(protocol.seed)))

@@ -299,10 +299,7 @@ def run_batches(
 def _new_trial(
     study: Any, space: Mapping[str, Any], tried: set[tuple[Any, ...]], random: Any
 ) -> Any:
-    """Return a trial of a design that is not in `tried`; one must exist.
-
-    A sampler that has found the best of few values proposes it repeatedly.
-    """
+    """Return a trial of a design that is not in `tried`; one must exist."""
     out = require_optuna().trial.TrialState.FAIL
     for _ in range(20):  # the sampler may repeat what was tried before
         trial = study.ask(space)
@@ -319,7 +316,6 @@ def _new_trial(
 
 
 def _random_choice(values: Any, random: Any) -> Any:
-    """Return a value of a distribution, drawn uniformly."""
     if hasattr(values, "choices"):
         return values.choices[random.integers(len(values.choices))]
     if isinstance(values.low, int):

@@ -79,10 +79,7 @@ class Around:
 def analyse_best_design(
     plan: Plan, table: pa.Table, run: Callable[[Plan], pa.Table]
 ) -> Around | None:
-    """Return slopes and prices at the best design.
-
-    None if no design keeps the limits with all objectives, or nothing can be varied.
-    """
+    """Return slopes and prices at the best design; None if there are none."""
     if not plan.objectives:
         raise CableError("what is around the best design needs an objective.")
     cost = pareto.objective_costs(table, plan.objectives, plan.limits)

@@ -528,11 +528,7 @@ def _require_played(
 def _require_strides(
     protocol: EpisodeProtocol, designs: Iterable[Mapping[str, Value]]
 ) -> None:
-    """Refuse metrics of strides if episodes are too short for one.
-
-    `designs` must include those that walk slowest. A metric that has no number in one
-    case would be compared over the other cases only.
-    """
+    """Refuse metrics of strides if episodes are too short for the slowest walk."""
     stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
     if not stride_metrics:
         return

@@ -219,11 +219,7 @@ def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]
 def missing_fact(
     metric: Metric, names: Collection[str], device: Description
 ) -> str | None:
-    """Return what a metric needs that neither the device nor its variables give.
-
-    That is a clause with key and table of the description; None if nothing is missing.
-    `names` are the variables of the designs.
-    """
+    """Return, as a clause, what a metric needs and the device lacks; else None."""
     rope = math.isnan(device.diameter) and "diameter" not in names
     own = metric.name.rpartition(".")[2]
     if own in ("cable_mass", "mass", "bend_ratio", "bending_stress") and rope:

@@ -127,10 +127,7 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
 
 
 def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
-    """Return the top of the page: answer, next command and question.
-
-    `folder` is that of the study.
-    """
+    """Return the answer, the next command and the question of a study in `folder`."""
     meaning = found.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words(list(map(_wish, found.goals)))

@@ -56,10 +56,7 @@ class Surface:
         return np.asarray(self._fitted(x[:, self.active]))
 
     def halves(self, count: int) -> Iterator[Surface]:
-        """Yield surfaces through `count` random halves of the designs.
-
-        Halves through which no surface can be fitted are skipped.
-        """
+        """Yield surfaces through random halves of the designs, where they exist."""
         rng = np.random.default_rng(1)
         for _ in range(count):
             half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
@@ -245,11 +242,7 @@ def _indices(surface: Surface, axes: Sequence[Range], power: int, seed: int) -> 
 def _pair_effects(
     at: Callable[[Array], Array], count: int, power: int, seed: int
 ) -> Array:
-    """Return the interaction index of every pair of variables (count, count).
-
-    Closed indices of pairs come from points that share two columns; subtract the
-    firsts.
-    """
+    """Return the interaction index of every pair of variables (count, count)."""
     from scipy.stats import qmc
 
     rng = np.random.default_rng([2, seed])
@@ -271,10 +264,7 @@ def _pair_effects(
 
 
 def fit(x: Array, y: Array) -> Surface | None:
-    """Return a surface for `y` (n,) over `x` (n, variables).
-
-    None if there are too few designs, or if the fit predicts no variance.
-    """
+    """Return a surface for `y` (n,) over `x` (n, variables), or None if it fails."""
     rng = np.random.default_rng(0)
     # At most 1000 designs are fitted.
     shuffled = rng.permutation(len(y))[:1000]

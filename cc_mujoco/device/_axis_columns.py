@@ -21,7 +21,7 @@ def column_prefixes(names: Iterable[str]) -> tuple[str, ...]:
 def axis_columns(
     columns: Mapping[str, Any], prefix: str, prefixes: Sequence[str]
 ) -> Mapping[str, Any]:
-    """Return one axis's columns without their `prefix`, and those of no axis."""
+    """Return one axis's columns without `prefix`, and those common to all axes."""
     if not prefix:
         return columns
     every, size = tuple(prefixes), len(prefix)

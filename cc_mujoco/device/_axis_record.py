@@ -82,12 +82,12 @@ class Physics(NamedTuple):
     actuator_moment: Array
 
     def detached(self) -> Physics:
-        """Return a copy that owns its results (the states remain shared)."""
+        """Return a copy with its own arrays from `actuator_force` on, the results."""
         found = {name: getattr(self, name).copy() for name in self._fields[3:]}
         return self._replace(**found)
 
     def take(self, other: Physics, row: Any = slice(None)) -> None:
-        """Copy the results (not the states) of `other` into all rows or one `row`."""
+        """Copy the results of `other`, from `actuator_force` on, to all rows or one."""
         for name in self._fields[3:]:
             getattr(self, name)[row] = getattr(other, name)
 
@@ -161,10 +161,7 @@ def _interpolated(at: float, knots: FloatArray, values: FloatArray) -> float:
 
 @internal
 def _read_winding(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
-    """Write the winding's angle [rad], velocity [rad/s] and leverage [-] into `found`.
-
-    The definitions are those of `Winding.read` and `TabledWinding.read`.
-    """
+    """Write the winding's angle [rad], velocity [rad/s] and leverage into `found`."""
     angle, velocity = found[JOINT_ANGLE], found[JOINT_VELOCITY]
     knots, count = axis.knots, axis.wound
     if knots > 0:

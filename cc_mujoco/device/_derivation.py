@@ -219,11 +219,7 @@ def _name_parts(spec: mujoco.MjSpec) -> None:
 
 
 def _period(keys: Keys, timestep: float, scene: str) -> float:
-    """Return the control period [s], by default 1 ms.
-
-    If time steps of the scene do not add up to 1 ms, the default is the nearest whole
-    number of them, with a warning.
-    """
+    """Return the control period [s]; warn if its default cannot be 1 ms."""
     steps = max(round(PERIOD / timestep), 1)
     fits = abs(steps * timestep - PERIOD) < 1e-9
     default = PERIOD if fits else steps * timestep
@@ -545,11 +541,7 @@ def excursion(
 def _units(
     keys: Keys, reach: float, largest: float, demanded: float
 ) -> dict[str, float]:
-    """Return the scale of each observed column, by which observations are divided.
-
-    `reach` is the amplitude of the motion [rad], `largest` and `demanded` are the
-    largest and the usual torque of the joint [N m].
-    """
+    """Return the scale of each observed column, for a reach [rad], torques [N m]."""
     keys.table.only(*UNITS, "phase")
     # Usual sizes of a motion within `reach`: observations of a policy are about 1.
     defaults = {
@@ -612,7 +604,7 @@ def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
 
 
 def known_torque_noise(description: Description) -> float:
-    """Return the noise of the joint torque sensor [N m]; 0 if nobody gave it."""
+    """Return the noise of the joint torque sensor [N m]; 0 if it is only assumed."""
     assumed = description.sources.get("sensors.torque_noise") == ASSUMED
     return 0.0 if assumed else description.sensing.torque_noise
 

@@ -44,7 +44,7 @@ class Slip:
     rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the motor torque, scaled to the joint, that lifts `torque` [N m]."""
+        """Return the torque that moves the joint against `torque` [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 
@@ -207,10 +207,7 @@ class Keys(NamedTuple):
     label: str = ""  # beginning of the keys in `sources`
 
     def given(self, key: str, value: Any, default: Any, origin: str = ASSUMED) -> Any:
-        """Return `value`, from the file, or `default` if it is None; record the origin.
-
-        The origin is `GIVEN` for a value of the file, and `origin` for the default.
-        """
+        """Return `value` or, if None, `default`; note the origin of the one used."""
         self.sources[self.label + key] = origin if value is None else GIVEN
         return default if value is None else value
 

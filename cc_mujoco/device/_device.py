@@ -306,10 +306,7 @@ def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
 
 
 def _resolved(table: Table, folder: Path) -> Table:
-    """Return a description in which `trajectory` and `task` files have a full path.
-
-    Files are looked up in `folder`, that of the description.
-    """
+    """Return a description with full paths of its `trajectory` and `task` files."""
 
     def beside(given: Any, key: str, free: Container[str]) -> Any:
         if not isinstance(given, str):

@@ -68,10 +68,7 @@ def _per_area(pounds: float, inches: float) -> float:
 
 
 def _turned(share: float) -> float:
-    """Return the friction coefficient if half a turn transmits `share` of a pull.
-
-    That is the capstan equation, share = exp(-mu pi).
-    """
+    """Return mu of the capstan equation, share = exp(-mu pi), for half a turn."""
     return math.log(1.0 / share) / math.pi
 
 

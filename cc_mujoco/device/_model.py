@@ -130,10 +130,7 @@ class AxisModel:
         self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
     def paid_out(self, data: mujoco.MjData) -> float:
-        """Return the length that the joint has pulled out of the conduit [m].
-
-        It is that of the first cable's distal end, counted from the neutral pose.
-        """
+        """Return the first cable's length pulled out at the joint, 0 in neutral [m]."""
         if isinstance(self.winding, TabledWinding):
             wound = self.winding.read(physics_of(data))[WINDING_COLUMNS[0]]
             return float(wound) * self._distal[self.driven[0]]
@@ -303,10 +300,7 @@ class DeviceModel:
         return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
 
     def drives(self, period: float) -> tuple[Drive, ...]:
-        """Return each axis's drive for controllers called every `period` [s].
-
-        The drives include the places and the noise of their tension sensors.
-        """
+        """Return each axis's drive, with its sensors, for a control period [s]."""
         about = self.description
         made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
         turned = Counter(j for one in made for j in (one.joint, *one.shared_ratios))

@@ -196,10 +196,7 @@ class MeasuredWinding:
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of the output `end` over `joint`, or None.
-
-    It is None if the moment arm is constant and no other joint moves the end.
-    """
+    """Return the winding of output `end`; None if a round pulley moves it equally."""
     data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
     mujoco.mj_fwdPosition(model, data)
     start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])

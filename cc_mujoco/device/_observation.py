@@ -103,7 +103,7 @@ class Observed:
 
     @property
     def frame(self) -> int:
-        """Numbers in a frame."""
+        """Number of values in a frame."""
         return len(self.units)
 
     @property
@@ -120,15 +120,12 @@ class Observed:
         return dataclasses.replace(self, columns=columns, units=units)
 
     def of(self, columns: Mapping[str, Any]) -> Array:
-        """Return the measured columns, unscaled, in the order of `columns`.
-
-        Numbers give an array (k,), columns of n environments (n, k).
-        """
+        """Return columns in the order of a frame, unscaled: (k,) or (n, k)."""
         found = np.array([columns[name] for name in self.columns])
         return np.ascontiguousarray(found.T)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as plain JSON."""
+        """Return the fields as a dictionary for JSON."""
         return dataclasses.asdict(self)
 
     @classmethod

@@ -178,10 +178,7 @@ class Plant:
 
     @property
     def discs(self) -> list[float]:
-        """Mass of every pulley [kg], as that of a solid disc of its inertia.
-
-        It is NaN for a pulley of unknown inertia.
-        """
+        """Mass of every pulley as a solid disc [kg]; NaN for unknown inertia."""
         found = []
         for _, disc, radii in self._pulley_inertias():
             if radii:
@@ -191,10 +188,7 @@ class Plant:
 
     @property
     def layout(self) -> tuple[object, ...]:
-        """Key that is equal for plants that one batch can simulate together.
-
-        Their models have equal array sizes and states, and their wearers walk alike.
-        """
+        """Key that is equal for plants that one batch can simulate together."""
         cables, axes = self.cables.values(), self.description.axes
         walks = (self.values.get(name) for name in wearer_scaling.WALKER)
         lags = (bool(self._of_axis(axis).get("motor_lag", 0.0)) for axis in axes)
@@ -490,10 +484,7 @@ class Plant:
 
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
-    """Return the constants of an axis that metrics need, without unknown ones.
-
-    `strength` has the breaking load of each cable [N], NaN where unknown.
-    """
+    """Return the constants of an axis that metrics need, without unknown ones."""
     found: dict[str, Any] = {Key.PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
@@ -504,7 +495,7 @@ def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
-    """Refuse to vary what the path drawn in the scene determines of an open cable."""
+    """Refuse variables of an open cable that its path in the scene determines."""
     if cable.path == PATHS[0]:
         return
     drawn = ("conduit", "loops", "wrap", "bend_radius", "length")

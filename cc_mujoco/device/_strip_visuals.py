@@ -127,11 +127,7 @@ def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
 
 
 def _infers_always(body: Any) -> bool:
-    """Return whether MuJoCo infers a body's inertia from geoms even if it is stated.
-
-    Once `_state_inertias` has run, that is so only in an attached part, whose compiler
-    settings are then also those of the scene that it was attached to.
-    """
+    """Return whether MuJoCo infers a body's inertia from geoms, even a stated one."""
     return bool(body.compiler.inertiafromgeom == _ALWAYS_INFERRED)
 
 
@@ -145,11 +141,7 @@ def _moves(body: Any) -> bool:
 
 
 def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> bool:
-    """Return whether the physics needs a geom for more than its body's inertia.
-
-    `needed` has the names of the elements in use, `collides` is True if contacts are
-    on.
-    """
+    """Return whether the physics needs a geom for more than its body's inertia."""
     body = geom.parent
     if body.plugin.active or (_moves(body) and _infers_always(body)):
         return True

@@ -155,10 +155,7 @@ def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
-    """Return the values that apply to `owners`, cables or axes, by variable.
-
-    A value that names an owner takes precedence over one that names none.
-    """
+    """Return values of cables or axes; names with an owner take precedence."""
     own = {name: value for name, value in values.items() if "." not in name}
     for owner in owners:
         start = f"{owner}."

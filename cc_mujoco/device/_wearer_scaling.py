@@ -39,10 +39,7 @@ def speed_of(design: Mapping[str, Value]) -> float | None:
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
-    """Return the torque profile of a design, None without one.
-
-    The peak torque follows from the wearer's mass unless the design sets it.
-    """
+    """Return a design's torque profile or None; its peak follows from the wearer."""
     said = {name: float(design[name]) for name in PROFILE if name in design}
     if not said:
         return None

@@ -241,7 +241,7 @@ class _Model:
         return np.concatenate([error for _, error in self.parts(logs)])
 
     def jacobian(self, logs: FloatArray) -> FloatArray:
-        """Return the derivative of `residual` (residuals, free)."""
+        """Return the derivative of `residual` by the logarithms (residuals, free)."""
         steps = dict.fromkeys(range(logs.size), FACTOR_STEP)
         columns = differences(lambda place: [self.residual(place)], logs, steps)
         return np.column_stack([column for (column,) in columns.values()])

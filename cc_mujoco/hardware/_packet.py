@@ -46,7 +46,7 @@ class Readings(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Command of the host to a rig."""
+    """Command of the host: torque of the motor, with status bits."""
 
     sequence: int
     echo: int  # time stamp of the newest reading that the host had [ns]; 0 before any

@@ -140,7 +140,7 @@ class PacketRig:
         self._send(torque, Status.ENABLED if self._last else Status.NONE)
 
     def close(self) -> None:
-        """Send several times that the run is over; see `Rig`."""
+        """Send the end of the run several times, then close; see `Rig`."""
         if self._closed:
             return
         self._closed = True
@@ -265,7 +265,7 @@ class DriveRig:
     """
 
     def __init__(self, drive: MotorDrive, joint: Rig, gear: float, zero: float) -> None:
-        """Combine a drive, `zero` in rad, with the rig at the joint; send nothing."""
+        """Combine a drive, with gear and zero [rad], and the rig at the joint."""
         self._drive, self._joint = drive, joint
         self._gear, self._zero = gear, zero
         self._motor: MotorState | None = None

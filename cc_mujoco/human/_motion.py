@@ -120,10 +120,7 @@ class SampledMotion:
         rng: np.random.Generator,
         rows: int,
     ) -> None:
-        """Sample the motion, unless it `is_pointwise` and has more than `rows` steps.
-
-        Then `rng` is advanced as if it had been, and `part` samples it later.
-        """
+        """Sample at most `rows` steps now; more later, if it `is_pointwise`."""
         self._source, self._dt = source, dt
         self._steps = _sample_steps(duration, dt)
         self._rng = copy.deepcopy(rng)

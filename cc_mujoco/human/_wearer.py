@@ -49,7 +49,7 @@ class Wearer:
 
     @classmethod
     def ideal(cls, inertia: float, timestep: float) -> Wearer:
-        """Return the position source of the thesis, as near as a time step allows.
+        """Return the wearer nearest to the ideal position source of the thesis.
 
         With inertia J and step h, semi-implicit Euler with explicit damping carries
         error e and velocity w as w' = (1 - h D / J) w - h K e / J, e' = e + h w'. Its
@@ -59,19 +59,19 @@ class Wearer:
 
             0 < d < 2   and   0 < k < 4 - 2 d.
 
-        At the edge an error rings for ever. The stiffest wearer that does not ring has
-        both roots at zero, d = k = 1:
+        At the limit an error oscillates for ever. The stiffest wearer without
+        oscillation has both roots at zero, d = k = 1:
 
             K = J / h^2,   D = J / h
 
-        An error is then gone in two steps, and K may be doubled, or the inertia halved,
-        before the step becomes unstable. MuJoCo's implicit integrators, where
-        k < 4 + 2 d, and its RK4 are stable for this wearer too.
+        An error then vanishes in two steps, and K may be doubled, or the inertia
+        halved, before the step becomes unstable. MuJoCo's implicit integrators, where k
+        < 4 + 2 d, and its RK4 are stable for this wearer too.
 
-        A reference of acceleration a is followed with an error of J a / K = h^2 a; RK4,
-        where the command is held while velocity and angle move on, adds half a step of
-        motion, h / 2 times the velocity. Both go to zero with the step: the ideal
-        position source is the limit h -> 0.
+        A reference of acceleration a is followed with an error of J a / K = h^2 a. RK4
+        holds the command while velocity and angle advance, which adds half a step of
+        motion, h / 2 times the velocity. Both vanish with the step: the ideal position
+        source is the limit h -> 0.
 
         J is the least `inertia` that the joint moves with [kg m^2], h the `timestep` of
         the simulation [s].

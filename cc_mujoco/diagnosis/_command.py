@@ -56,11 +56,11 @@ class Diagnose:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Diagnose, write, and print the verdict.
+        """Diagnose, write the results, and print the verdict.
 
         Raises:
-            CableError: nothing can be diagnosed; where that is the fault of the data or
-                of the numerics, it is the verdict and is written before.
+            CableError: nothing can be diagnosed. If the cause is in the data or in the
+                numerics, it is the verdict and is written before.
         """
         if self.seed < 0:
             raise CableError(f"--seed is {self.seed}; it must be 0 or more.")

@@ -1,8 +1,8 @@
 """Workflow of a diagnosis: from a scene and data to verdict, report and repair.
 
-Five questions follow each other: `fit_scene`, `search_effects`, `judge`, `propose` and
-`locate_error`. Each is one function, whose result has all that the next ones take; the
-last two complete the diagnosis of `judge`.
+Five steps follow each other: `fit_scene`, `search_effects`, `judge`, `propose` and
+`locate_error`. Each is one function, whose result holds all that the next ones need;
+the last two complete the diagnosis of `judge`.
 """
 
 from __future__ import annotations
@@ -99,7 +99,9 @@ def infer(
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
 ) -> tuple[DiagnosisResult, Dataset]:
-    """Diagnose as `diagnose` does, with the bench of the scene, but write no files.
+    """Diagnose as `diagnose` does, with the bench of the scene, and write no files.
+
+    Return the result and the dataset that was read.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
@@ -162,7 +164,7 @@ def run_inference(
     settings: Options = Options(),  # noqa: B008
     progress: Progress = no_progress,
 ) -> DiagnosisResult:
-    """Return the verdict on trials that `_loading.load` finds nothing to fix in."""
+    """Return the diagnosis of trials in which `_loading.load` finds no error."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     fitted = fit_scene(dataset, bench, settings, progress)
     if isinstance(fitted, Diagnosis):

@@ -1,8 +1,9 @@
 """Verdict on the search, its reasons, and its probability.
 
 The rules are in `concepts.md`: verdict, identifiability, odds. A cable that comes off,
-a clamp that slips or a sensor that freezes is no effect of the library, as it begins at
-a moment: it hides in the RMS error of all data, and large errors count less in fits.
+a clamp that slips or a sensor that freezes begins at a moment, so it is no effect of
+the library. It hardly shows in the RMS error of all data, and large errors count less
+in fits: `worst_stretch` looks for it.
 """
 
 from __future__ import annotations
@@ -99,10 +100,10 @@ class Stretch(NamedTuple):
 
 
 def worst_stretch(problem: Problem, x: FloatArray, torques: Arrays) -> Stretch | None:
-    """Return the stretch that exceeds its limit by most, or None.
+    """Return the stretch of time whose error exceeds its limit by most, or None.
 
-    Its size and the misfit of all other data are those of a fit without it. `torques`
-    are predictions (rows, samples) of every record [N m].
+    Its error and the misfit of all other data come from a fit without it. `torques` are
+    predictions (rows, samples) of every record [N m].
     """
     worst: tuple[float, int, int, slice] | None = None
     records, names = problem.plant.records, problem.plant.instruments.channels
@@ -170,7 +171,10 @@ def _squares(
 def _largest_ratio(
     error: FloatArray, noise: FloatArray, counts: NDArray[np.bool_], window: int
 ) -> tuple[float, int]:
-    """Return the largest RMS error of a window over its noise, and its middle."""
+    """Return the largest RMS error over noise in a window, and the window's middle.
+
+    `error` and `noise` (samples,) are squares, `window` a number of samples.
+    """
     box = np.ones(min(window, counts.size))
     signals = error, noise, counts.astype(np.float64)
     errors, noises, number = (np.convolve(each, box, "valid") for each in signals)
@@ -183,7 +187,7 @@ def _largest_ratio(
 
 
 def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
-    """Return the samples around one in which the error stays large."""
+    """Return the samples around `middle` where the squared `error` stays large."""
     width = max(1, round(0.1 / dt))
     local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
     near = slice(max(0, middle - 5 * width), middle + 5 * width)
@@ -197,7 +201,6 @@ def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
 
 
 def _rms_ratio(error: FloatArray, noise: FloatArray) -> float:
-    """Return the RMS error over that of the noise, by their squares."""
     return math.sqrt(float(error.sum() / max(float(noise.sum()), 1e-300)))
 
 
@@ -250,7 +253,7 @@ REMEDIES = {
 
 
 class EffectChange(NamedTuple):
-    """Torque changes due to plausible sizes of an effect."""
+    """Changes of the residuals by plausible sizes of an effect."""
 
     effect: Effect  # effect of the library
     sizes: Mapping[str, float]  # plausible sizes on the rig, by name of the parameter
@@ -259,7 +262,7 @@ class EffectChange(NamedTuple):
 
 
 class Testability(NamedTuple):
-    """Evidence in the data for effects that the accepted model lacks."""
+    """Evidence that the data could show effects that the accepted model lacks."""
 
     problem: Problem  # model with the noise of the sensors as its floor
     x: FloatArray  # fitted parameters
@@ -269,14 +272,17 @@ class Testability(NamedTuple):
     changes: tuple[EffectChange, ...]  # changes by effects
 
     def left(self, change: FloatArray) -> FloatArray:
-        """Compute the part of changes that tuning cannot explain (residuals, ...)."""
+        """Return the part of changes (residuals, ...) that no tuning can imitate."""
         return change - self.tangent @ (self.tangent.T @ change)
 
 
 def detectability(
     problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
 ) -> Testability:
-    """Compute by the accepted model and the noise what the data show of effects."""
+    """Return how much each effect of `ids`, absent from the model, would show.
+
+    It needs simulations only, by the fitted model at `x` and the noise of the sensors.
+    """
     records = problem.plant.records
     masks = [record.free for record in records]
     # Torques are compared up to a band: so many of the samples are independent.
@@ -302,7 +308,7 @@ def detectability(
 
 
 def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
-    """Return effects that would show but for tuning, which hides them best."""
+    """Return the effects that would show, were they not hidden by tuning."""
     size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
     scaled = shown.slopes[:, free] / size[free]
@@ -325,7 +331,7 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
 
 
 def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Return the amplitudes (k,), the largest 1, that tuning absorbs best."""
+    """Return the amplitudes (k,), largest 1, of the mix that tuning hides best."""
     lengths = np.linalg.norm(changes, axis=0)
     lengths[lengths == 0.0] = 1.0
     plain = changes / lengths
@@ -366,7 +372,10 @@ def deviating_parameters(
     estimated: Mapping[str, Estimate],
     hidden: Sequence[Confounded],
 ) -> tuple[Deviating, ...]:
-    """Return the parameters tuned further from the scene than its uncertainty."""
+    """Return the parameters tuned further from the scene than priors allow.
+
+    `hidden` are effects that such tuning may stand for.
+    """
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
@@ -419,7 +428,7 @@ def deviating_parameters(
 def untestable_effects(
     shown: Testability, hidden: Sequence[Confounded]
 ) -> tuple[NotTestable, ...]:
-    """Return effects that are not detectable at a plausible size, with the reason."""
+    """Return the effects that would not show at a plausible size, and why."""
     confused = {each.id: each for each in hidden}
     reasons = shown.problem.plant.library.hidden.items()
     found = [NotTestable(name, why) for name, why in reasons if not EFFECTS[name].rare]
@@ -459,7 +468,7 @@ _HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint onl
 
 
 def judge(found: Found) -> Diagnosis:
-    """Return the verdict on the result of a search, with its reasons."""
+    """Return the verdict on the result of a search, with its reasons and odds."""
     problem, x, search = found.problem, found.x, found.search
     plant, never = problem.plant, found.held.never
     tied = {rival for effect in found.effects for rival in effect.rivals}
@@ -535,7 +544,7 @@ def _runner_up(c: Candidate) -> RunnerUp:
 
 
 def one_time(stretch: Stretch | None, by_trial: str) -> bool:
-    """Return whether something happened once, as it did on no study rig."""
+    """Return whether the error is of one stretch or trial, unlike on study rigs."""
     alone = stretch is not None and stretch.rest <= Limit.max_misfit
     return alone or bool(by_trial)
 
@@ -553,8 +562,9 @@ def verdict_of(
 ) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences.
 
-    `deviating` are parameters tuned far beyond their priors, `stretch` exceeds its
-    limit, `unhooked` is the largest error of trials with the cables off, over noise.
+    `deviating` are parameters tuned far beyond their priors, `stretch` is one whose
+    error exceeds its limit, `unhooked` the largest error over noise in trials with the
+    cables off.
     """
     if found.effects:
         kind, statement = _verdict(found, stretch, unhooked)
@@ -728,7 +738,7 @@ verdicts were right at least as often. Beyond the error no rate is known
 
 
 def probabilities(z: Mapping[str, float]) -> dict[str, float]:
-    """Return the probability of a model, "", and of each alternative to it by id."""
+    """Return probabilities by id, of z over each alternative; "" is the model."""
     normal = NormalDist()
     weights = {name: normal.cdf(-each) / normal.cdf(each) for name, each in z.items()}
     weights[""] = 1.0
@@ -745,8 +755,9 @@ def belief_in_verdict(
 ) -> VerdictOdds:
     """Return the probability that a verdict is right, and its alternatives.
 
-    A name is right if its effect acts, a tie if one of its effects does. `ties` has the
-    effect in the model first; `left` is the model's error over the noise.
+    A named effect is right if it acts, a tie if one of its effects does. Each group of
+    `ties` begins with the effect in the model; `left` is the model's error over the
+    noise.
     """
     reliable, most = STUDIED[kind]
     if left > most:
@@ -784,7 +795,10 @@ def belief_in_verdict(
 def _alternatives(
     found: Search, step: Round, leader: str, group: set[str]
 ) -> dict[str, float]:
-    """Return z of an effect against all that may stand in its place, by id."""
+    """Return z of an effect against each other one that may act instead, by id.
+
+    `leader` is the effect, `group` itself and its ties.
+    """
     beside = {*found.after.problem.effects, *group}
     tried = [c for c in step.candidates if c.crossed is not step.before]
     errors = {c.id: fitting.blocks(c.crossed) for c in tried}

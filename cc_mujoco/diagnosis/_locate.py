@@ -52,7 +52,7 @@ from cc_mujoco.report._html import list_words
 
 
 class Samples(NamedTuple):
-    """One channel of all records; arrays have one entry per sample."""
+    """Error of one channel in all records, with motion and torque, by sample."""
 
     error: FloatArray  # measured minus simulated [N m]
     weight: FloatArray  # inverse square of the noise floor [1/N m^2]
@@ -86,7 +86,7 @@ class _Candidate(NamedTuple):
 
 
 def strongest_line(samples: Samples) -> PeriodicError | None:
-    """Return the period that explains most of an error; None if chance explains all."""
+    """Return the period that explains most of an error; None if none beats chance."""
     if samples.error.size < 100 or not np.any(samples.error):
         return None
     fit = _Prepared(samples)
@@ -112,7 +112,7 @@ def strongest_line(samples: Samples) -> PeriodicError | None:
 
 
 class _Prepared:
-    """Errors of a channel without their fit by smooth functions of the motion."""
+    """Weighted errors of a channel without their smooth dependence on the motion."""
 
     def __init__(self, samples: Samples) -> None:
         self._samples = samples
@@ -136,7 +136,7 @@ class _Prepared:
         return columns - self._basis @ (self._basis.T @ columns)
 
     def orders(self, angle: FloatArray) -> FloatArray:
-        """Return the candidate orders and adjacent ones, in radians per radian."""
+        """Return the tested orders [rad/rad], equally spaced; () if too few."""
         span = float(np.ptp(angle))
         if span == 0.0:
             return np.zeros(0)
@@ -152,7 +152,7 @@ class _Prepared:
     def peak(
         self, name: str, by_torque: bool, orders: FloatArray, threshold: float
     ) -> _Candidate | None:
-        """Return the most significant order of an angle, or None."""
+        """Return the most significant order of an angle; None below `threshold`."""
         angle = self._samples.angles[name]
         taken = self._spectrum(angle, by_torque, orders, self._error)
         background = np.maximum(_background(taken), 1e-300)
@@ -188,7 +188,7 @@ class _Prepared:
         return _Candidate(name, by_torque, order, squares, share)
 
     def details(self, found: _Candidate) -> tuple[float, float]:
-        """Return standard error of the order and amplitude of a line."""
+        """Return the standard error of a line's order, and its amplitude."""
         angle = self._samples.angles[found.angle]
         pair = self._pair(angle, found.by_torque, found.order)
         size = np.linalg.lstsq(pair, self._error)[0]
@@ -202,7 +202,10 @@ class _Prepared:
     def _waves(
         self, angle: FloatArray, by_torque: bool, orders: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted cosines and sines (samples, orders)."""
+        """Return cosines and sines (samples, orders) times the weights.
+
+        If `by_torque`, they are proportional to the simulated torque, too.
+        """
         size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
         phase = np.outer(angle, orders)
         return np.cos(phase) * size, np.sin(phase) * size
@@ -229,7 +232,7 @@ class _Prepared:
 
 
 def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
-    """Return nonperiodic smooth functions of the motion (samples, functions)."""
+    """Return smooth functions of angle, speed and torque (samples, functions)."""
     span = float(np.ptp(angle)) or 1.0
     u = 2.0 * (angle - np.mean(angle)) / span
     speed = samples.speed / max(float(np.quantile(np.abs(samples.speed), 0.95)), 1e-9)
@@ -243,9 +246,10 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
 
 
 def _background(taken: FloatArray) -> FloatArray:
-    """Return the mean of the spectrum around each order, by medians (orders,).
+    """Return the level of the spectrum beside each order (orders,), by medians.
 
-    The larger side counts, as errors grow towards low orders; infinite without a lower.
+    The larger of both sides counts, as errors grow towards low orders. It is infinite
+    for orders with none below.
     """
     below = _lower_medians(taken)
     above = _lower_medians(taken[::-1])[::-1]
@@ -254,7 +258,7 @@ def _background(taken: FloatArray) -> FloatArray:
 
 
 def _lower_medians(taken: FloatArray) -> FloatArray:
-    """Return the median of lower orders without the nearest (orders,), NaN if few."""
+    """Return medians over lower orders but the nearest (orders,); NaN if few."""
     counts = 1, Limit.background_orders, Limit.min_background_orders
     own, width, least = (count * Limit.order_oversampling for count in counts)
     found = np.full(taken.size, np.nan)
@@ -274,7 +278,7 @@ def _speed(trace: TrialTrace) -> FloatArray:
 
 
 def _travel(trace: TrialTrace) -> FloatArray:
-    """Return the signed distance since the last reversal, small ones left out."""
+    """Return the signed motor travel since the last reversal (samples,) [rad]."""
     speed = _speed(trace)
     # Below 2 % of the top speed a motor rests, by noise to and fro.
     slow = 0.02 * float(np.max(np.abs(speed)) or 1.0)
@@ -315,7 +319,7 @@ def _traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace
 
 
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
-    """Return the maps of all channels and axes, the most explanatory first."""
+    """Return the mean errors of all channels along all axes, best first."""
     random = np.random.default_rng(seed)
     last = channel_name(list(traces[0].measured)[-1])
     found = []
@@ -337,7 +341,7 @@ def _map(
     channel: str,
     random: Generator,
 ) -> Map | None:
-    """Return the map along an axis with these values of the samples that count."""
+    """Return the mean error by bins of `values` (counted samples,) by trial."""
     kept = [trace.counts > 0.0 for trace in traces]
     pairs = list(zip(traces, kept, strict=True))
     before, after = ([t.error(channel, m)[k] for t, k in pairs] for m in MODELS)
@@ -379,14 +383,14 @@ def _map(
 
 
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
-    """Return the mean error by bin (bins,), NaN without samples, of (2, bins) sums."""
+    """Return the mean error (bins,) of both halves' sums (2, bins); NaN if empty."""
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
     return np.asarray(sums.sum(axis=0) / whole)
 
 
 def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
-    """Return the share of variance that bin means of one half explain in the other."""
+    """Return the share of squared error explained by the other half's bin means."""
     mean = (sums / np.maximum(count, 1))[::-1]
     left = square - 2.0 * np.sum(mean * sums) + np.sum(count * mean**2)
     return 1.0 - float(left) / max(square, 1e-300)
@@ -413,7 +417,7 @@ def describe_map(drawn: Map) -> str:
 
 
 def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
-    """Return the diagnosis with where the error lies, and what the report draws."""
+    """Return the diagnosis with the places of its error, and the report's evidence."""
     fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
@@ -440,7 +444,7 @@ def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
 def error_places(
     result: Found, drawn: Sequence[Map], differences: TrialDifferences
 ) -> tuple[Where, ...]:
-    """Return where the error of the baseline, fitted to all data, lies."""
+    """Return the places of the baseline's error, the main one first."""
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)
     after = result.problem.torques(result.x)
@@ -473,7 +477,7 @@ def error_places(
 
 
 def _noise_ratios(problem: Problem, played: Arrays) -> dict[str, float]:
-    """Return the weighted RMS error of each channel over that of the sensors' noise."""
+    """Return the RMS error of each channel over that of sensor noise."""
     squares = np.zeros((2, len(problem.plant.instruments.channels)))
     for record, torque, sensed, floor in zip(
         problem.plant.records, played, problem.sensed, problem.floor, strict=True
@@ -488,7 +492,7 @@ def _noise_ratios(problem: Problem, played: Arrays) -> dict[str, float]:
 def error_samples(
     problem: Problem, seen: Sequence[TrialTrace], name: str, model: Model = "before"
 ) -> Samples:
-    """Return errors of a channel, as many as its band needs."""
+    """Return the error of a channel, thinned to 2.5 samples a period of its band."""
     row = problem.plant.instruments.channels.index(name)
     records = problem.plant.records
     parts, first = [], 0

@@ -46,7 +46,7 @@ NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
 
 
 def effect_name(effect: str) -> str:
-    """Return the title of an effect; of one that is not there its id with spaces."""
+    """Return the title of an effect; of an unknown one its id, with spaces."""
     return EFFECTS[effect].title if effect in EFFECTS else plain_name(effect)
 
 
@@ -71,7 +71,7 @@ def capitalise(text: str) -> str:
 
 
 def continue_command(trials: str, folder: str, out: str) -> str:
-    """Return the command that diagnoses the data of a diagnosis with more trials."""
+    """Return the command that repeats the diagnosis in `folder` with more trials."""
     return f"cc-mujoco diagnose {trials} --continue {folder} --out {out}"
 
 
@@ -112,7 +112,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def tried_sentence(diagnosis: Diagnosis) -> str:
-    """Return how many known effects were screened and refitted, "" without a search."""
+    """Return a sentence on how many effects were searched; "" without a search."""
     if not diagnosis.runner_ups:
         return ""
     count = len({each.id for step in diagnosis.runner_ups for each in step})
@@ -139,7 +139,7 @@ def format_signed(value: float) -> str:
 
 
 def format_number(value: float, spread: float = math.nan) -> str:
-    """Return a number with two digits of its spread; without, with three in all."""
+    """Return a number with two digits of its `spread`; without, with three digits."""
     if not math.isfinite(value):
         if math.isnan(value):
             return "not determined"
@@ -217,11 +217,11 @@ Progress = Callable[[float, str], None]
 
 
 def no_progress(share: float, doing: str) -> None:
-    """Report nothing."""
+    """Ignore the progress."""
 
 
 def part_of(progress: Progress, start: float, length: float) -> Progress:
-    """Return a callback that covers a part of the progress of another."""
+    """Return a callback that maps 0 to 1 to a part of the progress of another."""
     return lambda share, doing: progress(start + length * share, doing)
 
 
@@ -286,7 +286,7 @@ def describe_mode(
     arm_by_pairs: bool = False,
     motor_angle: bool = True,
 ) -> str:
-    """Return what the instruments can and cannot show; "" of two torque sensors."""
+    """Return sentences on what the instruments can show; "" for torque sensors."""
     if not motor_angle:
         return _NO_MOTOR_ANGLE
     if ends_held:

@@ -4,7 +4,7 @@
 class Limit:
     """Thresholds and settings of each step, with meaning and unit.
 
-    Where no publication is named, a value was set on development rigs of the study,
+    Where no publication is named, a value was chosen on simulated development rigs,
     which count in no published rate (`validation.md`).
     """
 

@@ -22,7 +22,7 @@ MODELS: tuple[Model, ...] = ("before", "after")
 
 @dataclass(frozen=True, eq=False)  # arrays have no truth to compare by
 class TrialTrace:
-    """One trial; arrays have one entry per compared sample."""
+    """Signals of one trial; arrays have one entry per compared sample."""
 
     trial: str  # its name
     time: FloatArray  # (samples,) [s]
@@ -35,14 +35,14 @@ class TrialTrace:
     counts: FloatArray  # 1 where a sample counts; 0 in the run-in after the start
 
     def error(self, channel: str, model: Model = "before") -> FloatArray:
-        """Return the errors, measured minus simulated (samples,) [N m]."""
+        """Return the error of a channel (samples,) by either model [N m]."""
         played = self.before if model == "before" else self.after
         return self.measured[channel] - played[channel]
 
 
 @dataclass(frozen=True)
 class Map:
-    """Mean error of a channel over one axis."""
+    """Mean error of a channel by bins of one quantity, its axis."""
 
     channel: str  # `motor_torque_nm` or `joint_torque_nm`
     axis: str  # name of the quantity
@@ -58,7 +58,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Isolability:
-    """Similarity of two effects once the baseline is retuned."""
+    """Similarity of every two effects once the baseline is fitted again."""
 
     ids: tuple[str, ...]  # of the effects
     cosines: FloatArray  # (ids, ids) largest cosine between their signatures, 0 to 1
@@ -83,7 +83,7 @@ Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that was named."""
+    """Effect that the verdict names, with its fitted values."""
 
     id: str
     """Name of the effect in the library."""
@@ -121,7 +121,7 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class NotTestable:
-    """An effect that these data could not show even if it were there."""
+    """Effect that these data could not show even if it were there."""
 
     id: str
     reason: str
@@ -129,7 +129,7 @@ class NotTestable:
 
 @dataclass(frozen=True)
 class Confounded:
-    """An effect that tuning a parameter of the scene would hide."""
+    """Effect that tuning a parameter of the scene would hide."""
 
     id: str  # of the effect
     parameter: str  # of the baseline that does the same
@@ -141,7 +141,7 @@ class Confounded:
 
 @dataclass(frozen=True)
 class Deviating:
-    """Parameter tuned further from the scene than the scene's uncertainty."""
+    """Parameter tuned further from the scene than its uncertainty there."""
 
     parameter: str  # of the baseline
     given: float  # value of the scene or of `dataset.toml`
@@ -152,7 +152,7 @@ class Deviating:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """Experiment to record in order to distinguish rivals."""
+    """Trial to record in order to distinguish rivals."""
 
     description: str  # what to do on the rig
     separates: tuple[str, ...]  # ids of the rivals
@@ -162,13 +162,13 @@ class NextExperiment:
 
     @property
     def folder(self) -> str:
-        """Name of its folder, inside that of the diagnosis."""
+        """Name of the folder of its files, inside that of the diagnosis."""
         return f"next_{self.trial}"
 
 
 @dataclass(frozen=True)
 class Where:
-    """Location of the error of the baseline."""
+    """One location of the error: a channel, and a quantity along which it lies."""
 
     channel: str  # `motor_torque_nm` or `joint_torque_nm`
     axis: str  # quantity along which it lies
@@ -179,7 +179,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Gap:
-    """RMS error of one channel on held-out data, before and after.
+    """RMS error of one channel on held-out data, before and after the effects [N m].
 
     Samples are weighted by how well the angles determine the torque: where an end of
     the cable sticks, a handful of them would outweigh all others.
@@ -229,7 +229,7 @@ class Occasions:
 
 @dataclass(frozen=True)
 class TrialError:
-    """Error of one trial, before and after; by channel, weighted as in `Gap` [N m]."""
+    """Error of one trial before and after the effects, by channel as in `Gap`."""
 
     trial: str  # its name
     rmse_before: Mapping[str, float]  # of the baseline, fitted to other data
@@ -242,7 +242,7 @@ class TrialError:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Model without any effect, tuned as well as possible."""
+    """Model without any effect, fitted to all data."""
 
     parameters: Mapping[str, Estimate]  # fitted values by name
     not_identifiable: tuple[str, ...]  # a sentence on each open combination
@@ -250,7 +250,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """Candidate that was refitted, and its result."""
+    """Effect that was fitted as a candidate, and its result."""
 
     id: str  # of the library
     reduction: float  # relative reduction of the held-out sum of squares
@@ -262,7 +262,7 @@ class RunnerUp:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Alternative to the verdict."""
+    """Explanation that may be right instead of the verdict."""
 
     # Of an effect, "nothing", "outside" (no effect of the library) or "small" (an
     # effect too small for the data)
@@ -272,7 +272,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class VerdictOdds:
-    """Probability that the verdict is right, scaled by rates on study rigs."""
+    """Probability that the verdict is right, scaled by rates on simulated rigs."""
 
     # 0 to 1, NaN where no study rig left as much of the error; `validation.md` shows
     # how often it held on new rigs
@@ -332,7 +332,7 @@ class Diagnosis:
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:
-        """Named effects but refinements and those that parts of the data dispute."""
+        """Named effects without refinements, ordinary and disputed ones."""
         return tuple(each for each in self.effects if each.missing)
 
     def to_json(self) -> str:

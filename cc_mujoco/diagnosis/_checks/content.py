@@ -1,8 +1,9 @@
 """Content of a dataset: noise of its channels, repetitions, rests, excitation.
 
-A repetition scatters by the root mean square difference of two over the square root of
-two, which no model can explain. The part of the difference that follows the motor's is
-another motion, an input of the model; that part is removed.
+The scatter of repeated trials, which no model can explain, is the root mean square
+difference of two repetitions over the square root of two. The part of a difference that
+is proportional to the difference of the motor angles is another input of the model, and
+is removed before.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from cc_mujoco.estimation._least_squares import autocorrelation
 
 
 def find_holds(trial: Trial) -> list[slice]:
-    """Return stretches of `Limit.min_hold_time` seconds or more without motion."""
+    """Return the stretches at rest of at least `Limit.min_hold_time` seconds."""
     still = np.ones(len(trial.time), dtype=bool)
     for angle in (trial.motor_angle, trial.joint_angle):
         if not angle.size:
@@ -44,11 +45,12 @@ def find_holds(trial: Trial) -> list[slice]:
 
 
 def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
-    """Return the noise of every channel: declared, from holds or from differences.
+    """Return the noise of every channel, by name: as declared, or estimated.
 
-    From holds it is the median deviation about short straight lines, as a torque may
-    relax and a hand tremble; else from third differences. It is at least that of
-    quantisation, and a millionth of the channel's range.
+    The estimate is the median standard deviation about short straight lines while motor
+    and joint are at rest, as a torque may relax and a hand tremble. Without such rests
+    it comes from third differences of the signal. It is at least the rounding error of
+    the digits, and a millionth of the channel's range.
     """
     still = {trial.name: find_holds(trial) for trial in dataset.trials}
     found: dict[str, Noise] = {}
@@ -81,7 +83,7 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
 
 
 def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
-    """Yield the standard deviations about straight lines over short windows."""
+    """Yield the standard deviation about a line, for each short window of `values`."""
     length = max(8, round(0.5 * Limit.min_hold_time / step))
     place = np.arange(length) - 0.5 * (length - 1)
     for start in range(0, len(values) - length + 1, length):
@@ -91,7 +93,7 @@ def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
 
 
 def _roughness(trial: Trial, channel: str) -> float:
-    """Return the standard deviation of white noise with the same third differences."""
+    """Return the deviation of white noise with the third differences of the channel."""
     values = trial.channel(channel)
     third = [np.abs(np.diff(values[part], 3)) for part in trial.segments]
     return SIGMAS_PER_MEDIAN * float(np.median(np.concatenate(third))) / math.sqrt(20.0)
@@ -107,7 +109,7 @@ class Scatter(NamedTuple):
 
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Return declared repeats that differ in motor motion or set-up."""
+    """Return an error for each trial that declares a repeat but moves otherwise."""
     moved, changed = [], []
     for original, trial in _repeat_pairs(trials):
         start = f"{trial.path} is declared a repeat of {original.name}, but"
@@ -129,7 +131,10 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """Return the deviation of a repetition, by repeats or periods, and its trials."""
+    """Return the deviation of a repetition by channel, and the names of its trials.
+
+    Trials that are declared repeats are compared; without any, periods of one motion.
+    """
     pairs = [
         ({original.name, trial.name}, pair)
         for original, trial in _repeat_pairs(trials)
@@ -152,7 +157,7 @@ def _repeat_pairs(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:
 
 
 def _rms_difference(pair: Pair, channel: str) -> float:
-    """Return the root mean square difference that does not follow the motor's."""
+    """Return the RMS difference without its part proportional to the motor angle's."""
     counts = np.isfinite(pair[channel])
     if not np.any(counts):
         return 0.0
@@ -164,7 +169,7 @@ def _rms_difference(pair: Pair, channel: str) -> float:
 
 
 def _compare_trials(original: Trial, trial: Trial) -> Pair | None:
-    """Return the differences of two trials, None if the motor moves otherwise."""
+    """Return the differences at the best time shift; None if the motions differ."""
     first = original.time[original.segments[0]][0]
     times = trial.time - trial.time[trial.segments[0]][0] + first
     shifts = np.arange(-Limit.max_shift, Limit.max_shift + 1) * trial.step
@@ -195,7 +200,7 @@ def _channel_difference(
 
 
 def period_differences(trial: Trial) -> Iterator[Pair]:
-    """Yield the differences of neighbouring periods of periodic segments."""
+    """Yield the differences by channel between each period and the one before it."""
     for part in trial.segments:
         length = find_period(trial.motor_angle[part])
         if length is None:
@@ -236,7 +241,7 @@ def find_period(angle: FloatArray) -> float | None:
 
 
 class Excitation(NamedTuple):
-    """Coverage of a dataset."""
+    """Range of speeds, loads and conditions that a dataset covers."""
 
     duration: float  # time in valid stretches [s]
     # Slowest and fastest speed of the motor's motions, 2nd and 99th percentile [rad/s]
@@ -262,7 +267,7 @@ class Excitation(NamedTuple):
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """Coverage in sentences."""
+        """Sentences of the report about this coverage."""
         low, high = self.speed
         torque, motor_torque = (
             f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
@@ -304,7 +309,7 @@ class Excitation(NamedTuple):
 
 
 def excitation(dataset: Dataset) -> Excitation:
-    """Return the joint excitation of the trials of a dataset.
+    """Return the range of speeds, loads and conditions over all trials of a dataset.
 
     Raises:
         CableError: the motor's angle is not measured.

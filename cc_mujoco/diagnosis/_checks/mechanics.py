@@ -53,7 +53,7 @@ Findings = list[DataFinding]
 
 
 class Mechanics(NamedTuple):
-    """Relations between the two sides of a trial."""
+    """Correlations, ratios and works that relate motor and joint in one trial."""
 
     ratio: float  # joint speed per motor speed
     follows: float  # correlation of the speeds, 0 if one side stands still
@@ -87,10 +87,12 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
 def sliding_torque_ratio(
     motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Return motor over joint torque during sliding, and their correlation.
+    """Return motor over joint torque while the cable slides, and their correlation.
 
-    Friction that grows with load tilts the slope up one way and down the other; their
-    geometric mean is the ratio without friction.
+    Friction that grows with load makes the slope of motor over joint torque larger in
+    one direction of motion and smaller in the other. The geometric mean of both slopes
+    is the ratio without friction. All signals are (samples,), `omega` the motor's speed
+    [rad/s].
     """
     usual = math.sqrt(float(np.mean(omega**2)))
     ways, settled = _sliding(omega, usual, step)
@@ -114,7 +116,10 @@ def sliding_torque_ratio(
 def _sliding(
     omega: FloatArray, usual: float, step: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the direction of motion, and where friction has settled."""
+    """Return the direction of motion (samples,), and a mask where the cable slides.
+
+    It slides once the motor has moved a tenth of its range since the last reversal.
+    """
     slow = Limit.sliding_speed_share * usual
     moving = np.flatnonzero(np.abs(omega) > 0.2 * Limit.sliding_speed_share * usual)
     last = np.zeros(len(omega), dtype=np.intp)
@@ -136,10 +141,12 @@ def _work_per_travel(
     omega: FloatArray,
     turn: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Return works per travel, their standard deviation, and the transmitted power.
+    """Return works of motor and joint per motor travel, deviation and power [N m].
 
-    The stored energy is fitted as a function of the state, so that cycles need not be
-    closed; linear terms in the angles take up offsets of the torques.
+    The stored energy is fitted as a function of torques and speeds, so that cycles need
+    not be closed; linear terms in the angles absorb offsets of the torques. The
+    standard deviation is that of the difference of the works, the power is per speed of
+    the motor.
     """
     motor, joint = shown
     angles = trial.motor_angle[used], trial.joint_angle[used]
@@ -170,7 +177,7 @@ _MIN_TORQUE_CORRELATION = 0.7
 
 
 class Group(NamedTuple):
-    """Trials whose angles and torques agree in sign, judged together."""
+    """Trials whose angles and torques correlate with equal signs, judged together."""
 
     trials: list[Trial]
     mechanics: Mechanics
@@ -187,7 +194,7 @@ def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Gr
 
 
 def _sign(correlation: float, least: float) -> float:
-    """Return the sign of a correlation, 0 where it is not certain."""
+    """Return the sign of a correlation; 0 if its absolute value is at most `least`."""
     return math.copysign(1.0, correlation) if abs(correlation) > least else 0.0
 
 
@@ -217,7 +224,7 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
 
 
 def check_signs(group: Group) -> Findings:
-    """Find channels with inverted sign, and swapped sides."""
+    """Return a finding if channels of a group have wrong signs or swapped sides."""
     trials, m = group
     follows = _sign(m.follows, Limit.min_angle_correlation)
     torque_correlation = _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION)
@@ -269,7 +276,7 @@ def _labels(trial: Trial) -> dict[str, str]:
 
 
 def wrong_unit(trial: Trial, channel: str) -> str:
-    """Name the likely unit of a channel that is off by 57, or of a torque by 1000."""
+    """Name the likely unit error of a channel: degrees for radians, or mN m for N m."""
     angle = channel in (MOTOR_ANGLE, JOINT_ANGLE)
     pair = (MOTOR_ANGLE, JOINT_ANGLE) if angle else (MOTOR_TORQUE, JOINT_TORQUE)
     # Small unit that a channel may have, and the plain one
@@ -300,7 +307,7 @@ def _fewest_inversions(m: Mechanics, follows: float, torques: float) -> list[str
 
 
 def check_units(group: Group) -> Findings:
-    """Find units that contradict virtual work."""
+    """Return a finding if the ratio of the torques contradicts that of the angles."""
     trials, m = group
     # The ratio of two torques means a unit only where both are nearly proportional.
     if not (
@@ -332,7 +339,8 @@ def check_units(group: Group) -> Findings:
 def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     """Find trials with torques hundreds of times as large as in the others.
 
-    A loaded trial may leap over others with a free joint, but then in both torques.
+    A loaded trial may have far larger torques than trials with a free joint, but then
+    both of its torques are larger.
     """
     if any(t.motor_torque is None or t.joint_torque is None for t in trials):
         return []
@@ -438,7 +446,7 @@ class _Window(NamedTuple):
 
 
 def _windows(trial: Trial) -> list[_Window]:
-    """Return the stretches in which the motor moves."""
+    """Return the windows in which the motor moves, with their speed correlation."""
     motor = velocity(trial.motor_angle, trial.step, trial.segments)
     joint = velocity(trial.joint_angle, trial.step, trial.segments)
     usual = float(np.nanstd(motor))
@@ -461,7 +469,7 @@ def _windows(trial: Trial) -> list[_Window]:
 
 
 def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
-    """Return the cross-correlation for lags of the first signal, -reach to reach."""
+    """Return the cross-correlation at lags -reach to reach [samples] of `late`."""
     size = 1 << (2 * early.size).bit_length()
     product = np.fft.rfft(late, size) * np.conj(np.fft.rfft(early, size))
     found: FloatArray = np.fft.irfft(product, size)
@@ -471,7 +479,7 @@ def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
 def _delay_and_drift(
     windows: list[_Window], times: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Return the delay and drift at which all windows, with many peaks each, agree."""
+    """Return the delay [s] and drift [s/s] that best align all windows together."""
     matches = np.array([window.match for window in windows])
     width, penalty = matches.shape[1], 0.01
     reach = width // 2
@@ -497,7 +505,7 @@ def _delay_and_drift(
 
 
 def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | None:
-    """Return the lag of the peak nearest to the expected lag [s], or None."""
+    """Return the lag [s] of the correlation peak nearest to `expected`, if close."""
     peaks = np.flatnonzero((match[1:-1] >= match[:-2]) & (match[1:-1] >= match[2:])) + 1
     peaks = peaks[match[peaks] > 0.8]
     if not len(peaks):
@@ -513,7 +521,10 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 
 
 def check_alignment(trial: Trial, alone: bool = False) -> Findings:
-    """Find drifting clocks and delays; one cable `alone` makes delays by slack, too."""
+    """Return a finding on a drift between both clocks, or on a delay of the joint.
+
+    With `alone`, the rig has a single cable, whose slack delays the joint as well.
+    """
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
@@ -544,10 +555,11 @@ def check_alignment(trial: Trial, alone: bool = False) -> Findings:
 
 
 def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
-    """Find channels that come late, and angles that belong to the other side.
+    """Find channels that come late, and motor and joint angles that are swapped.
 
-    Speeds, and rates of torques and lead, are correlated over `MAX_DELAY` either way.
-    Only a delay of torques that all trials share counts, as friction delays them, too.
+    The lead is the motor angle beyond the one that keeps the cables' length. Rates of
+    change are correlated at lags up to `MAX_DELAY` either way. A late torque counts
+    only if all trials share the delay, as friction delays torques, too.
     """
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:
@@ -621,7 +633,10 @@ def _late_channel(
 
 
 def _peak(fits: FloatArray, least: float) -> tuple[int, float]:
-    """Return the lag of the best fit [samples] and its gain over 0; 0 below `least`."""
+    """Return the lag of the best fit [samples] and its gain over lag 0.
+
+    Both are 0 if the best fit is below `least`.
+    """
     middle, top = fits.size // 2, int(np.argmax(fits))
     if fits[top] < least:
         return 0, 0.0
@@ -631,10 +646,11 @@ def _peak(fits: FloatArray, least: float) -> tuple[int, float]:
 def _fits_by_lag(
     trial: Trial, bench: Bench, channel: str, reference: str
 ) -> FloatArray | None:
-    """Return the fit of a channel by lag, None where a trial is too short.
+    """Return the goodness of fit by lag of a channel; None for a short trial.
 
-    It is -ln(1 - R²) of a regression of rates: of the lead on both torques, none with a
-    negative sign, as the mean tension is between those of the ends; or of angles.
+    It is -ln(1 - R²) of a regression of rates of change. The lead is regressed on both
+    torques, with no negative coefficient, as the mean tension is between those of the
+    ends. With a `reference`, that channel is regressed on `channel` alone.
     """
     reach = round(MAX_DELAY / trial.step)
     parts = [part for part in trial.segments if part.stop - part.start > 2 * reach]
@@ -667,14 +683,17 @@ def _fits_by_lag(
 
 
 def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
-    """Return the change of a signal between means of adjacent windows."""
+    """Return the differences between means of adjacent windows of 0.05 s."""
     width = max(1, round(0.05 / step))
     mean = np.convolve(signal, np.full(width, 1.0 / width), "valid")
     return mean[width:] - mean[:-width]
 
 
 def _lead_correlation(trial: Trial, bench: Bench) -> float:
-    """Return the correlation of lead and torque, clocks and offsets aside, or 0."""
+    """Return the correlation of the motor's lead and the torques; 0 if none is certain.
+
+    Delays and offsets are partialled out, and the joint angle if that makes it smaller.
+    """
     parts = [p for p in trial.segments if p.stop - p.start >= 200]
     if trial.motor_torque is None or trial.joint_torque is None or not parts:
         return 0.0

@@ -74,7 +74,11 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
-    """Compare the closest trial with the `ratio` of a scene; `several` trials agree."""
+    """Return a finding if the angles of a trial contradict the `ratio` of a scene.
+
+    `ratio` is motor rad per joint rad. The trial is the one closest to it; `several` if
+    at least three trials were compared.
+    """
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []
@@ -103,7 +107,11 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
 
 
 def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
-    """Compare the closest ratio, as cables wind up, and all torques with a scene."""
+    """Return findings where ratio, torques or ranges contradict the bench of a scene.
+
+    The trial closest to the ratio of the bench counts, as cables that wind up change
+    it.
+    """
     checks = [_check_overload, _check_known_range]
     findings: Findings = []
     if bench.others:  # the ends do not turn by one ratio
@@ -127,9 +135,10 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
 
 
 def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:
-    """Find trials in which the angles turn by the inverse ratio of a scene.
+    """Find trials in which the angles turn by the inverse of the scene's `ratio`.
 
-    A soft cable may hold a joint that turns less, unless all trials or torques agree.
+    A soft cable may let the joint turn less. So at a ratio below 1 all of several
+    trials, or the torques, have to show the inverse, too.
     """
     if abs(math.log(ratio)) < 0.15:  # no other ratio than its inverse
         return []

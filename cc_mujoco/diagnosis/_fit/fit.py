@@ -1,16 +1,16 @@
 """Fit of the scene to data, or a refusal of data that allow no conclusion.
 
 A rig whose readings are in another unit can still be fitted, with another pretension,
-friction and stiffness, and effects named then are worthless.
+friction and stiffness; effects found then are worthless, so units are checked before.
 
-A fit of friction and stiffness finds its way from a few times their size, but not from
-a hundred, and nothing starts from a pretension of 0. The mean tension of a cable is its
-stiffness times its stretch, whatever its friction; so a line through torques and
-stretch gives the stiffness, and a coarse grid of simulations the rest. Where nothing on
-the grid is much better than the scene, the scene is the start.
+A fit converges from friction and stiffness a few times off, not a hundred, and never
+from a pretension of 0. The mean tension of a cable is its stiffness times its stretch,
+whatever its friction: a line through torques and stretch gives the stiffness, and a
+coarse grid of simulations the rest. Where no point of the grid is much better than the
+scene, the scene is the start.
 
-The baseline holds all that is uncertain of the scene and is fitted before anything is
-named, by a simulation that is as fine as the noise floor requires.
+The baseline, the model without effects, has every uncertain parameter of the scene
+free. It is fitted first, by a simulation as fine as the noise floor requires.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ class Start(NamedTuple):
 def prepare_start(
     dataset: Dataset, bench: Bench
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
-    """Return the start, and records with the samples that count by its values.
+    """Return the start of the fit, and the records and filters prepared for it.
 
-    `bench` has what `[rig]` declares. Estimates by which no motion would carry the
-    cable along fit something that the scene lacks, and are not used.
+    Which samples of a record count depends on the start. `bench` includes what `[rig]`
+    declares. Estimates so stiff or rough that the motor would no longer move the whole
+    cable are discarded, as they imitate something that the scene lacks.
     """
     records, filtering = prepare(dataset, bench)
     start = _estimate_start(dataset, bench, records)
@@ -79,7 +80,7 @@ def _count(records: Iterable[Record]) -> int:
 
 
 def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
-    """Return the start: the scene, with estimates where the data contradict it."""
+    """Return the scene, with estimates of parameters where the data contradict it."""
     hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
     declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
     scene = bench.cables[0]
@@ -117,7 +118,7 @@ def _factor_between(one: float, other: float) -> float:
 
 
 def _thin_record(record: Record) -> Record:
-    """Return a record with fewer samples, all but the first of which count."""
+    """Return a record at about 25 Hz; samples count after a tenth of the travel."""
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
@@ -137,7 +138,7 @@ def _thin_record(record: Record) -> Record:
 
 
 class _Line(NamedTuple):
-    """Line of the tension, agonist less antagonist, over the lead of the motor."""
+    """Regression of the tension, agonist less antagonist, on the motor's lead."""
 
     slope: float  # tension per lead at the motor's rim [N/m]
     start: float  # tension without lead [N]
@@ -150,7 +151,7 @@ class _Line(NamedTuple):
 
 
 def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Line:
-    """Fit the line by least squares; its slope is not positive without a stretch."""
+    """Fit the line by least squares; without stretch its slope is not positive."""
     rows, tensions = [], []
     for place, record in enumerate(records):
         used = record.counts
@@ -202,7 +203,7 @@ class _Grid:
         self._masks = [record.counts for record in records]
 
     def best(self, declared: bool) -> dict[str, float]:
-        """Return the best values; none where the scene's are not much worse.
+        """Return the fitted values, by name; {} if the scene's are about as good.
 
         An undeclared pretension may be wrong, too, and distorts the fit of all else.
         """
@@ -226,10 +227,11 @@ class _Grid:
     def _fitted(
         self, names: Sequence[str], coarse: bool = False
     ) -> tuple[dict[str, float], float]:
-        """Return values and cost of the best fit with these parameters free.
+        """Return values and cost of the best fit with the parameters `names` free.
 
-        There are none where the scene's own are about as good as the best point, or
-        none explain the data. If `coarse`, the grid has only the stiffness of the line.
+        The values are {} if the scene's are about as good as the best grid point, or if
+        no values explain the data. If `coarse`, the stiffness of the grid is that of
+        the line.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
         centre = {name: each[len(each) // 2] for name, each in tried.items()}
@@ -253,7 +255,7 @@ class _Grid:
     def _refined(
         self, problem: Problem, starts: Sequence[Mapping[str, float]]
     ) -> tuple[FloatArray, float]:
-        """Return the place of the best fit from these values, and its cost."""
+        """Return the parameter vector and cost of the best fit from these starts."""
         places = [self._place(problem, start) for start in starts]
         fits = [fitting.fit(problem, place, self._masks, 12) for place in places]
         best = min(fits, key=lambda each: each.cost).x
@@ -283,7 +285,7 @@ class _Grid:
 
 @dataclass(frozen=True)
 class Options:
-    """Choices that a diagnosis is made with, besides data and scene."""
+    """Effects to consider in a diagnosis, and its random seed."""
 
     # Effects to consider; by default all but the rare ones that are not `requested`,
     # which are considered where the others leave the error unexplained
@@ -294,7 +296,7 @@ class Options:
 
 @dataclass(frozen=True)
 class BaselineFit:
-    """The baseline, ready for the search."""
+    """Fitted baseline (the model without added effects), ready for the search."""
 
     problem: Problem
     whole: Fit
@@ -312,9 +314,9 @@ def plant_of(
     records: tuple[Record, ...],
     given: Mapping[str, float] | None = None,
 ) -> SimulatedRig:
-    """Return the initial plant.
+    """Return the simulated rig at its coarsest resolution.
 
-    `given` has values of the scene that the bench no longer has, see `SimulatedRig`.
+    `given` holds the scene's values that estimates have replaced, see `SimulatedRig`.
     """
     known, constants = dataset.instruments, dataset.constants
     least = Limit.min_segments
@@ -428,9 +430,11 @@ def _excitation_problem(records: Sequence[Record]) -> str:
 def check_effects(
     plant: SimulatedRig, values: Mapping[str, float], ids: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return a sentence for each effect that the data cannot show.
+    """Return a sentence for each effect of `ids` that the data cannot show.
 
-    One is refused that is not off, finite or differentiable where its sizes are 0.
+    Raises:
+        EffectError: an effect is not off, finite or differentiable where its sizes
+            are 0.
     """
     notes = []
     effects = plant.library.effects
@@ -449,13 +453,12 @@ def check_effects(
 
 
 def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> bool:
-    """Check one effect; return whether a typical size changes a torque."""
+    """Check one effect; return whether a typical size of it changes a torque."""
     shows, plain = False, plant.simulate(values)
     every = np.concatenate([torque.ravel() for torque in plain])
     least = 1e-9 * float(np.linalg.norm(every))  # rounding of another way of solving
 
     def changes(given: Mapping[str, float]) -> list[FloatArray]:
-        """Return the change of the torques of each record [N m]."""
         with_it = plant.simulate(given, (effect.id,))
         for record, after in zip(plant.records, with_it, strict=True):
             if not np.isfinite(after).all():
@@ -508,11 +511,10 @@ def unit_or_sign_error(
     start: SimulatedRig | None = None,
     values: Values = MappingProxyType({}),
 ) -> str:
-    """Return in what the torques contradict this scene by unit or sign, or "".
+    """Return a sentence if torques contradict this scene by a unit or sign; "" if not.
 
-    A scene may be off by any factor; only that of a unit counts, if no other values
-    explain the readings: `values` with those of `start` in place of what is
-    contradicted.
+    A scene may be off by any factor. The factor of a unit counts only if `values`,
+    simulated by `start`, do not explain the readings better.
     """
     wrong: list[str] = []
     units: set[str] = set()
@@ -568,7 +570,7 @@ def _residual_square(measured: Arrays, simulated: Arrays) -> float:
 
 
 def _torque_factor(measured: Arrays, simulated: Arrays) -> float | None:
-    """Return measured over simulated torque during sliding, None if dissimilar."""
+    """Return measured over simulated torque, by RMS; None if they hardly correlate."""
     pair = measured, simulated
     one, other = (np.concatenate([t - t.mean() for t in torques]) for torques in pair)
     own, its, both = float(one @ one), float(other @ other), float(one @ other)

@@ -60,10 +60,11 @@ def implausibility(problem: Problem, x: FloatArray) -> str:
 def doubtful_effects(
     problem: Problem, x: FloatArray, covariance: FloatArray, freedom: FloatArray
 ) -> list[str]:
-    """Return the effects of a model that may have size 0 given all others.
+    """Return the effects of the model whose size may be 0, given all others.
 
-    The joint interval of their sizes contains 0 (F distribution). `covariance` of the
-    places (parameters, parameters) has `freedom` (parameters,) degrees of freedom.
+    The joint confidence interval of their sizes contains 0 (F distribution).
+    `covariance` of the fitted parameters `x` is (parameters, parameters); `freedom`
+    (parameters,) are its degrees of freedom.
     """
     from scipy.special import fdtri
 
@@ -95,7 +96,7 @@ def doubtful_effects(
 
 
 def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
-    """Return whether an effect is no larger than any rig may have."""
+    """Return whether an effect is no larger than any real rig may have it."""
     values = problem.values(x)
     sizes = {"": 0.0}
     for parameter in problem.plant.library.effects[name].parameters:
@@ -158,17 +159,19 @@ class Spread(NamedTuple):
 
 
 def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
-    """Return the covariance by noise alone, a lower bound of `fit_covariance`."""
+    """Return the covariance of a fit due to sensor noise, at most `fit_covariance`."""
     found: FloatArray = least_squares.covariance(jacobian(problem, x, masks))
     return Spread(found, np.full(x.size, np.inf))
 
 
 def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
-    """Return the covariance of a fit by noise, disagreement of trials and form.
+    """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
-    Noise makes B; trials that disagree by a factor f of that make f B_kk, known with
-    few degrees of freedom; shared errors add their shifts. The freedom is over the
-    square of that share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+    Sensor noise makes B. Trials that disagree scale it by factors f_k, to f_k B_kk on
+    the diagonal, known with few degrees of freedom; errors of form add their
+    covariance, see `form_error`. The degrees of freedom are those of the trials over
+    the square of their share of the variance (Satterthwaite, Biometrics Bulletin 2,
+    1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -187,7 +190,11 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
-    """Return the value and interval of every parameter; NaN over six powers of ten."""
+    """Return value and 95 % interval by parameter.
+
+    The interval is NaN for a logarithm that is known no better than to six powers of
+    ten.
+    """
     found = {}
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
@@ -239,14 +246,15 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
 def form_error(
     slopes: FloatArray, residual: FloatArray, spread: FloatArray, controls: FloatArray
 ) -> FloatArray:
-    """Return the covariance (parameters, parameters) by errors of form, beside noise.
+    """Return the covariance (parameters, parameters) of a fit due to errors of form.
 
-    The error is a sum of the controls' signatures with an orthonormal basis Q: r = J b
-    + Q c + noise, c of variance v each. Of that the residuals of a fit keep M Q c, M =
-    I - J H^-1 J^T, whose square along the q directions of M Q has the mean q + v
-    tr(Q^T M Q); that gives v (moments, as of DerSimonian and Laird, Control. Clin.
-    Trials 7, 1986). The fit is off by H^-1 J^T Q c. Along no direction is v more than
-    the largest of the controls makes: what is larger is missing, and no form.
+    The controls are the changes by ordinary sizes of effects that the model lacks; Q is
+    an orthonormal basis of them. The residual is r = J b + Q c + noise, with c of
+    variance v each. A fit leaves M Q c of that, M = I - J H^-1 J^T. Its square along
+    the q directions of M Q has the mean q + v tr(Q^T M Q), which gives v (method of
+    moments, as DerSimonian and Laird, Control. Clin. Trials 7, 1986). The fit is off by
+    H^-1 J^T Q c. Along no direction is v larger than the largest control makes: a
+    larger error is a missing effect.
 
     `slopes` (data, parameters) are J without priors, `residual` (data,) in units of the
     noise, `spread` H^-1 with priors, `controls` (data, controls) changes by each.
@@ -270,13 +278,13 @@ def form_error(
 
 
 def _basis(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (rows, k) of columns of length 1 at most."""
+    """Return an orthonormal basis (rows, k) of columns whose lengths are at most 1."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, sizes > Limit.new]
 
 
 def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
-    """Return changes (data, controls) by ordinary sizes of effects not in the model."""
+    """Return residual changes (data, controls) by ordinary sizes of absent effects."""
     rows = len(problem.plant.instruments.rows)
     count = rows * sum(int(mask.sum()) for mask in masks)
     wider, sizes = problem, []
@@ -304,13 +312,14 @@ class Disagreement(NamedTuple):
 def disagreement(
     slopes: FloatArray, residual: FloatArray, parts: NDArray[np.int64]
 ) -> Disagreement:
-    """Return moves of a least-squares fit whose parts are left out in turn.
+    """Return the moves of a least-squares fit as each part of the data is left out.
 
-    With H = J^T J and H_g, s_g = J_g^T r_g of a part, the fit moves by d_g = (H -
-    H_g)^-1 s_g without it (Cook 1977), of which noise makes the variance (H - H_g)^-1 -
-    H^-1. The factor is the mean of d_g^2 / variance (Birge, Phys. Rev. 40, 1932;
-    Hartung and Knapp, Stat. Med. 20, 2001), its freedom G^2 over the sum of the squared
-    correlations of the moves (Bell and McCaffrey, Survey Methodology 28, 2002).
+    With H = J^T J and H_g, s_g = J_g^T r_g of part g, the fit moves by d_g = (H -
+    H_g)^-1 s_g without it (Cook 1977); noise alone gives that move the variance (H -
+    H_g)^-1 - H^-1. The factor is the mean of d_g^2 / variance (Birge, Phys. Rev. 40,
+    1932; Hartung and Knapp, Stat. Med. 20, 2001), its degrees of freedom G^2 over the
+    sum of the squared correlations of the G moves (Bell and McCaffrey, Survey
+    Methodology 28, 2002).
 
     `slopes` (residuals, parameters) are J, priors last, `residual` (residuals,) in
     units of the noise; `parts` (data,) number the part of each, without the priors.
@@ -344,7 +353,10 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return the trial group of each residual (data,), a piece of it of few trials."""
+    """Return the number (data,) of the group of trials that each residual belongs to.
+
+    With few groups, pieces of trials are numbered instead.
+    """
     pairs = list(zip(records, masks, strict=True))
     groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []

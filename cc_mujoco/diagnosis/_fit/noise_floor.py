@@ -1,14 +1,14 @@
-"""Error floor of any model: sensor noise, and that of angles sent through the rig.
+"""Error floor of any model: sensor noise, and angle noise passed through the rig.
 
 The floor is a number for every sample (`concepts.md`, Comparison): the scatter of
-simulated torques when a likely motion is read again, and the torque sensors' own noise.
-The divisor of errors is larger, as spikes shift in time and an angle that seems to
-stand still may have moved: it weights samples, and errors are compared with those of
-noise by the same divisor.
+simulated torques when the angles of a likely motion are measured again, and the torque
+sensors' own noise. The divisor of errors is larger, as spikes shift in time and an
+angle that seems to rest may have moved. It only weights samples: errors are compared
+with those of noise by the same divisor.
 
-The played angle lacks movements that its filters removed, so that the noise of slow
-creep and of rests would seem small, and has kept the ripple of digits, which would
-count twice. A likely motion has the movements back, and no ripple.
+A recorded angle lacks the small movements that its filters removed, so that noise
+during slow creep and rests would seem small. It keeps the ripple of rounded digits,
+which would count twice. A likely motion has the movements back, and no ripple.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _NO_NOISE = Noise(0.0, 0.0, "declared")
 
 
 class NoiseFloor(NamedTuple):
-    """Standard deviations (rows, samples) of every record [N m]."""
+    """Standard deviations (rows, samples) of the torques of every record [N m]."""
 
     # Error that no model can explain; at least that between repetitions
     noise: tuple[FloatArray, ...]
@@ -106,7 +106,10 @@ def noise_floor(
 def _cell_noise(
     base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
 ) -> FloatArray:
-    """Return the variance (rows, 1) of the instruments of a record [(N m)^2]."""
+    """Return the noise variance (rows, 1) of the instruments of a record [(N m)^2].
+
+    It is `base`, but in the row that a load cell on a single cable measures.
+    """
     if (cell := record.load_cell) is None:
         return base
     found = base.copy()
@@ -119,10 +122,11 @@ def _cell_noise(
 
 
 def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArray:
-    """Return the variance between repetitions beyond noise (rows,).
+    """Return the variance (rows,) between repetitions beyond `noise` [(N m)^2].
 
-    It is that of the model's residuals, as a servo never repeats a motion to the digit,
-    but no more than that of the readings, as a wrong model makes newtons of a digit.
+    Repetitions of the residuals are compared, as a servo never repeats a motion
+    exactly. The variance is at most that of the readings, as a wrong model turns a
+    small difference of angle into newtons.
     """
     names, found = plant.instruments.channels, []
     for torques in clean, [np.zeros(torque.shape) for torque in clean]:
@@ -160,7 +164,7 @@ def _residual_trial(
 
 
 def likely(record: Record, filtering: Filtering) -> Record:
-    """Return the record along a likely motion behind its reading."""
+    """Return the record with the motion that most likely produced its readings."""
     both = record.motor_angle, record.joint_angle
     angles = zip(both, record.read, filtering.still[:2], strict=True)
     band = filtering.motion_band
@@ -193,9 +197,9 @@ def _likely(
 def resample_angles(
     record: Record, noise: Mapping[str, Noise], filtering: Filtering, random: Generator
 ) -> Record:
-    """Return the record as it might be read another time, with shifted digits.
+    """Return the record as it might be measured again, with new noise and rounding.
 
-    At rest an angle wanders inside a digit, which passes every filter.
+    At rest an angle may be anywhere within a digit: an error that passes every filter.
     """
     angles = [record.motor_angle, record.joint_angle]
     thin = round(record.dt / record.step)
@@ -218,7 +222,7 @@ def resample_angles(
 
 
 def unsettled(record: Record, filtering: Filtering, random: Generator) -> Record:
-    """Return the record with movements that are too small to be seen."""
+    """Return the record with random movements at rest, too small to be measured."""
     angles = []
     both = record.motor_angle, record.joint_angle
     for angle, width in zip(both, filtering.still[:2], strict=True):

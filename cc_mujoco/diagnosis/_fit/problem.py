@@ -1,14 +1,17 @@
 """Fit of the simulated rig to records by least squares, and on held-out data.
 
+A place `x` (parameters,) is the vector that a fit optimises: each parameter less its
+start, over its scale, or the logarithm of that ratio over its scale (`Tuned`).
+
 Residuals are divided by the noise floor of their channel and weighted by the share of
 them that is independent, so that priors and intervals keep their meaning.
 
 Derivatives of the torques are differences of coarse simulations, taken once. They
-hardly change over a few percent of a parameter, and every simulation elsewhere updates
-them along the way there (Broyden, Math. Comp. 19, 1965). Fits, folds and stages share
-them; a model with an effect more, or a finer one, begins with those of its predecessor.
-Parameters that change only the reading of a replay, say an offset, are differenced anew
-each time: they need no simulation.
+hardly change over a few percent of a parameter, and later simulations update them
+(Broyden, Math. Comp. 19, 1965). Fits, folds and stages share them; a model with one
+more effect, or with a finer simulation, starts from those of its predecessor.
+Parameters that change only the reading of a replay, such as an offset, need no
+simulation and are differenced anew each time.
 
 In a cross-validation every sample is predicted by a fit to others.
 """
@@ -51,7 +54,7 @@ class _Tangent:
     slopes: FloatArray  # (parameters, 2, samples) [N m]
 
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
-        """Update from a simulation at `x`; return False if no longer valid."""
+        """Update the slopes by a simulation at `x`; return False if now invalid."""
         moved = (x - self.place) / reach
         if np.max(np.abs(moved)) < 0.1:  # too little to see a change of the slopes
             return True
@@ -67,7 +70,7 @@ class _Tangent:
 
 
 class TorqueDerivatives:
-    """Derivatives of a model's torques, by record."""
+    """Derivatives of simulated torques with respect to the parameters, by record."""
 
     def __init__(self, narrower: TorqueDerivatives | None = None) -> None:
         self._narrower = narrower
@@ -77,9 +80,10 @@ class TorqueDerivatives:
     def of(
         self, problem: Problem, x: FloatArray, seen: Sequence[int], torques: Arrays
     ) -> list[FloatArray]:
-        """Return the slopes of the records `seen` (parameters, 2, samples) [N m].
+        """Return the derivatives (parameters, 2, samples) of each record `seen` [N m].
 
-        `torques` are those of these records at the place `x`, (2, samples) each [N m].
+        `seen` are indices of records, `torques` their torques at `x`, (2, samples) each
+        [N m].
         """
         steps = []  # changes for differences, within the parameters' bounds
         for tuned, place in zip(problem.tuned, x, strict=True):
@@ -91,7 +95,7 @@ class TorqueDerivatives:
         pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
-            """Difference the parameters from `first` on that need a replay, or not."""
+            """Difference parameters from `first` on: with a replay if `again`."""
             wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
             if not wanted:
                 return
@@ -133,7 +137,7 @@ class TorqueDerivatives:
         self._kept.clear()
 
     def _begin(self, record: Record, x: FloatArray, torque: FloatArray) -> int:
-        """Allocate memory for a record; return how many of its parameters are known."""
+        """Allocate slopes of a record; return how many come from a narrower model."""
         slopes = np.zeros((x.size, *torque.shape))
         tangent = _Tangent(x.copy(), x.copy(), torque, slopes)
         self._kept[record] = tangent
@@ -163,9 +167,10 @@ def jacobian(
 def residual_slopes(
     problem: Problem, torques: Arrays | None, masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
-    """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
+    """Return residual change per torque (2, counted samples) [1/N m], and masks.
 
-    `torques` are of every record with such samples; without, no error counts as large.
+    `torques` (2, samples) are those of every record with counted samples. If None,
+    Huber's loss takes no error as large.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     delta, found = Limit.huber_delta, []
@@ -184,7 +189,11 @@ def residual_slopes(
 def residual_changes(
     steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Arrays
 ) -> FloatArray:
-    """Return first-order changes (k, residuals) by changes of torques [N m]."""
+    """Return first-order changes (k, residuals) due to changes of torques [N m].
+
+    `steep` are the `residual_slopes`, `changes` (k, 2, samples) for every record in
+    them.
+    """
     pairs = zip(changes, steep, strict=True)
     parts = [(c[:, :, mask] * each).reshape(len(c), -1) for c, (each, mask) in pairs]
     return np.concatenate(parts, axis=1)
@@ -210,7 +219,7 @@ Masks = Sequence[NDArray[np.bool_]]
 def tuned_effect_parameter(
     parameter: EffectParameter, start: float, plant: SimulatedRig
 ) -> Tuned:
-    """Return a parameter of an effect as one of the fit, with a plausible prior."""
+    """Return an effect's parameter as one of a fit, with a prior of plausible sizes."""
     described, size = parameter.parameter, parameter.typical
     low, high = described.low, described.high
     if parameter.shape:
@@ -232,7 +241,7 @@ def tuned_effect_parameter(
 
 @dataclass(frozen=True)
 class Problem:
-    """Parameters of a fit and the records they are fitted to."""
+    """Model with free parameters, and the records that these are fitted to."""
 
     plant: SimulatedRig  # simulates
     tuned: tuple[Tuned, ...]  # every free parameter, baseline first
@@ -257,10 +266,10 @@ class Problem:
     )
 
     def with_inflated_noise(self, x: FloatArray, masks: Masks) -> Problem:
-        """Return the problem with a floor at which usual errors are not outliers.
+        """Return the problem with a floor so large that most errors are not outliers.
 
-        Where sensors are much better than the model, Huber's loss follows small errors
-        only.
+        Otherwise, where sensors are much better than the model, Huber's loss would
+        follow only the small errors.
         """
         kept = np.abs(kept_samples(self.plainly(x), masks))
         usual = self.inflation * float(np.median(kept)) / Limit.normal_median
@@ -270,16 +279,16 @@ class Problem:
         return replace(self, floor=floor, inflation=factor)
 
     def with_updated_floor(self, x: FloatArray, masks: Masks) -> Problem:
-        """Return the problem with floor and weight by the errors of this model.
+        """Return the problem with floor and weight by the errors of this model at `x`.
 
-        By those of the baseline, large where an effect is missing, the data hardly
-        count.
+        With those of the baseline, large where an effect is missing, the data would
+        hardly count against the priors.
         """
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
 
     def sharing(self, known: Sequence[Problem]) -> Problem:
-        """Return the problem with derivatives of the last known one of its kind."""
+        """Return the problem with derivatives of the last equal model in `known`."""
         for other in reversed(known):
             if other.tuned == self.tuned and other.effects == self.effects:
                 return replace(self, slopes=TorqueDerivatives(other.slopes))
@@ -287,15 +296,16 @@ class Problem:
 
     @property
     def coarse(self) -> Problem:
-        """Same problem with the plant that suffices for differences."""
+        """Same problem with a coarse simulation, enough for differences."""
         plant = self.plant.coarse
         return self if plant is self.plant else replace(self, plant=plant)
 
     def corrected(self, x: FloatArray, seen: Sequence[int]) -> Problem:
-        """Return `coarse` with this model's torques at `x`, for the records `seen`.
+        """Return `coarse` plus a constant, which has this model's torques at `x`.
 
-        Nearby they differ by the change of the numerical error (defect correction:
-        Stetter, Numerische Mathematik 29, 1978).
+        The constant is known for the records `seen`. Elsewhere it is off by the change
+        of the numerical error only (defect correction: Stetter, Numerische Mathematik
+        29, 1978).
         """
         rough = self.coarse
         defect = [np.zeros(record.measured.shape) for record in self.plant.records]
@@ -305,18 +315,18 @@ class Problem:
         return replace(rough, defect=tuple(defect))
 
     def form(self, name: str) -> str:
-        """Return the form in which an effect is in the model, "" of only one."""
+        """Return the form in which the model has an effect; "" if it has only one."""
         return self.plant.library.effects[name].form(self.forms)
 
     @property
     def sensed(self) -> tuple[FloatArray, ...]:
-        """Return the effect of sensor noise on every record, as `noise` [N m]."""
+        """Noise floor (2, samples) of every record due to sensors alone [N m]."""
         part = np.square(self.scatter)
         return tuple(np.sqrt(np.maximum(n**2 - part, 0.0)) for n in self.noise)
 
     @property
     def noise_over_floor(self) -> list[FloatArray]:
-        """Effect of sensor noise over the floor, (2, samples) per record."""
+        """Noise due to sensors over the floor, (2, samples) per record."""
         return [n / f for n, f in zip(self.sensed, self.floor, strict=True)]
 
     @property
@@ -324,17 +334,17 @@ class Problem:
         return tuple(parameter.name for parameter in self.tuned)
 
     def values(self, x: FloatArray) -> dict[str, float]:
-        """Return the parameters at a place of the fit, even just beyond a bound."""
+        """Return the parameters by name at a place, clipped to their bounds."""
         pairs = [(p, float(place)) for p, place in zip(self.tuned, x, strict=True)]
         fitted = {p.name: p.value(min(max(at, p.low), p.high)) for p, at in pairs}
         return {**self.forms, **fitted}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
-        """Return the place of the fit of these values, the start for all others."""
+        """Return the place (parameters,) of these values; others are at their start."""
         return np.array([p.place(values.get(p.name, p.start)) for p in self.tuned])
 
     def with_effect(self, name: str, start: Mapping[str, float]) -> Problem:
-        """Return the problem with one more effect, its shape and form from `start`."""
+        """Return the problem with one more effect; `start` has its shape and form."""
         key = form_key(name)
         parameters = self.plant.library.effects[name].parameters
         starts = [(p, start.get(p.name, p.typical)) for p in parameters]
@@ -345,7 +355,7 @@ class Problem:
         return replace(wider, slopes=TorqueDerivatives(self.slopes))
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
-        """Return the start of a fit that adds an effect's `start` to another."""
+        """Return the place `x` of a narrower model, extended by an effect's `start`."""
         more = self.tuned[x.size :]
         new = [0.0 if p.factor else (start[p.name] - p.start) / p.scale for p in more]
         return np.concatenate([x, new])
@@ -360,7 +370,7 @@ class Problem:
         return replace(slim, slopes=TorqueDerivatives())
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
-        """Return Huber's errors over the floor (2, samples), NaN without samples."""
+        """Return Huber's errors over the floor (2, samples); NaN if unmasked."""
         found = [np.full(floor.shape, np.nan) for floor in self.floor]
         seen = [k for k in range(len(found)) if masks is None or masks[k].any()]
         for k, error in zip(seen, self.plainly(x, seen), strict=True):
@@ -383,7 +393,7 @@ class Problem:
         return [t + self.defect[k] for k, t in zip(chosen, played, strict=True)]
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
-        """Return the weighted errors within the masks, then those of the priors."""
+        """Return the weighted errors of masked samples, then deviations from priors."""
         pairs = zip(self.tuned, x, strict=True)
         known = [-place / p.prior for p, place in pairs if math.isfinite(p.prior)]
         kept = self.weight * kept_samples(self.errors(x, masks), masks)
@@ -391,30 +401,30 @@ class Problem:
 
 
 def kept_samples(parts: Iterable[FloatArray], masks: Masks) -> FloatArray:
-    """Return values (rows, samples) within masks, record by record, row by row."""
+    """Return the masked values (samples,) of parts (rows, samples), joined."""
     kept = zip(parts, masks, strict=True)
     return np.concatenate([part[:, mask].ravel() for part, mask in kept])
 
 
 def huber_residual(error: FloatArray) -> FloatArray:
-    """Return the errors whose squares grow linearly beyond `Limit.huber_delta`."""
+    """Return Huber's residuals, whose squares grow linearly above the threshold."""
     size, delta = np.abs(error), Limit.huber_delta
     root = np.sqrt(np.maximum(2.0 * delta * size - delta**2, 0.0))
     return np.where(size <= delta, error, np.sign(error) * root)
 
 
 def plain_error(residual: FloatArray) -> FloatArray:
-    """Return the errors that `huber_residual` turns into these residuals."""
+    """Return the errors of which these are Huber's residuals: the inverse of that."""
     size = np.abs(residual)
     large = (size**2 + Limit.huber_delta**2) / (2.0 * Limit.huber_delta)
     return np.where(size <= Limit.huber_delta, residual, np.sign(residual) * large)
 
 
 def independence_weight(errors: Arrays, masks: Masks) -> float:
-    """Return the weight that makes squared errors count as independent.
+    """Return the weight by which correlated errors count as independent ones.
 
-    The root of the share of samples that are independent (the sum of autocorrelations,
-    up to their first zero), over the RMS error where that exceeds 1.
+    It is the square root of the share of independent samples, by the sum of
+    autocorrelations up to their first zero, over the RMS error where that exceeds 1.
     """
     lags = 200
     total = np.zeros(lags)
@@ -439,11 +449,11 @@ def fit(
     evaluations: int = 30,  # along a flat valley the way back takes twenty
     tolerance: float = Limit.relative_tolerance,
 ) -> Fit:
-    """Fit least squares within bounds to the samples of masks, from a start.
+    """Fit least squares within bounds to the masked samples, from the place `start`.
 
-    Where the rig is simulated finely, `Problem.corrected` is fitted until the fine
-    simulation confirms its end. `tolerance` is the relative change of the cost at which
-    a fit ends.
+    A fine simulation is fitted by `Problem.corrected`, repeated until the fine one
+    improves no more. A fit ends when the relative change of its cost is below
+    `tolerance`.
     """
     if problem.coarse is problem:
         return least_squares.fit(
@@ -477,9 +487,9 @@ def fit(
 
 
 def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
-    """Fit until the errors, not a limit of evaluations, determine the end.
+    """Fit until the cost is within a tenth of a standard deviation of the least.
 
-    Along a flat valley a thousandth of the cost is standard deviations from the least.
+    Along a flat valley a relative change of a thousandth may be several deviations.
     """
     found = fit(problem, start, masks)
     least = 5e-3  # of the cost: a tenth of a deviation
@@ -492,7 +502,7 @@ BOOTSTRAP_BLOCK = 1.0
 
 
 class Fold(NamedTuple):
-    """One division of the samples: (samples,) of every record."""
+    """Samples to fit and to test: a mask (samples,) each for every record."""
 
     train: tuple[NDArray[np.bool_], ...]
     test: tuple[NDArray[np.bool_], ...]
@@ -502,15 +512,16 @@ Folds = Sequence[Fold]
 
 
 def divided_samples(division: Folds) -> Masks:
-    """Return the samples that a division holds, (samples,) of every record."""
+    """Return the masks (samples,), by record, of the samples in any of the folds."""
     parts = [part for fold in division for part in fold]
     return tuple(np.any(own, axis=0) for own in zip(*parts, strict=True))
 
 
 def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
-    """Return two halves that predict each other, every other stretch of every record.
+    """Return two halves, alternate stretches of every record, that predict each other.
 
-    Both see every trial, say the only one with slack, but for those reserved for tests.
+    Both see every trial, for one may be the only one with slack. Trials reserved for
+    tests are in neither.
     """
     halves = []
     for record in records:
@@ -523,10 +534,11 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 
 
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
-    """Return folds of whole trials: the reserved ones, or a third in turn.
+    """Return folds of whole trials: test on the reserved ones, or on a third in turn.
 
-    Repeats stay together, trials of a kind are spread, and the only one of its kind is
-    in every training part: others cannot predict it. Of fewer, `interleaved_folds`.
+    Repeats stay together and trials of a kind are spread over the folds. The only trial
+    of its kind is in every training part, as others cannot predict it. With fewer
+    groups than folds, return `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         free = tuple(record.free for record in records)
@@ -550,7 +562,7 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 
 
 def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
-    """Return the kind of every group of repeated trials: their held side and facts."""
+    """Return the kind of each group of repeats: sides that move, declared facts."""
     used = [record for record in records if record.counts.any()]
     spans = np.array([[np.ptp(r.motor_angle), np.ptp(r.joint_angle)] for r in used])
     moved = spans > Limit.held_share * spans.max(axis=0, initial=0.0)
@@ -565,7 +577,7 @@ def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
 
 
 def never_held_out(division: Folds, records: Sequence[Record]) -> tuple[str, ...]:
-    """Return the trials that are in every training part, none if some are reserved."""
+    """Return the trials that no fold tests; () if some are reserved for tests."""
     if any(record.split == "test" for record in records):
         return ()
     tests = [zip(records, fold.test, strict=True) for fold in division]
@@ -575,7 +587,7 @@ def never_held_out(division: Folds, records: Sequence[Record]) -> tuple[str, ...
 
 
 class CrossValidation(NamedTuple):
-    """One model fitted fold by fold."""
+    """Model fitted to the training part of each fold, with errors on the others."""
 
     problem: Problem  # the model
     fits: tuple[Fit, ...]  # one per fold
@@ -585,11 +597,11 @@ class CrossValidation(NamedTuple):
 
     @property
     def x(self) -> FloatArray:
-        """Mean place of the fits of the folds."""
+        """Mean of the fitted places of the folds."""
         return np.asarray(np.mean([fit.x for fit in self.fits], axis=0))
 
     def mean_square(self, parts: Iterable[FloatArray]) -> float:
-        """Return the mean square of parts (2, samples) where errors were held out."""
+        """Return the mean square of parts (2, samples) over the held-out samples."""
         masks = [np.isfinite(error[0]) for error in self.errors]
         return float(np.mean(kept_samples(parts, masks) ** 2))
 
@@ -599,7 +611,7 @@ class CrossValidation(NamedTuple):
 
     @property
     def noise_mse(self) -> float:
-        """Mean squared error if there was noise of the sensors only."""
+        """Mean square of the errors that sensor noise alone makes."""
         return self.mean_square(self.problem.noise_over_floor)
 
     @property
@@ -608,7 +620,7 @@ class CrossValidation(NamedTuple):
         return self.misfit_by(self.problem.inflation)
 
     def misfit_by(self, inflation: float) -> float:
-        """Return the misfit over a floor of another inflation, to be compared."""
+        """Return the misfit for a floor with another inflation, for comparisons."""
         ratio = self.problem.inflation / inflation
         if ratio == 1.0:
             return math.sqrt(self.held_out_mse / self.noise_mse)
@@ -632,7 +644,7 @@ def cross_validate(problem: Problem, folds: Folds, starts: Arrays) -> CrossValid
 
 
 def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:
-    """Return sums of squares of errors, or `parts`, in blocks of a second (blocks,)."""
+    """Return sums of squared errors, or of `parts`, over blocks of 1 s (blocks,)."""
     masks = [np.isfinite(error[0]) for error in crossed.errors]
     kept = zip(crossed.errors if parts is None else parts, masks, strict=True)
     squares = [np.where(mask, part, 0.0) ** 2 for part, mask in kept]
@@ -640,7 +652,7 @@ def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:
 
 
 def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
-    """Return sums of parts (k, samples) in blocks of a second (blocks, k)."""
+    """Return sums of parts (k, samples) by record over blocks of 1 s (blocks, k)."""
     found = []
     for record, mask, part in zip(problem.plant.records, masks, parts, strict=True):
         size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
@@ -650,18 +662,21 @@ def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
 
 
 def excess(crossed: CrossValidation) -> float:
-    """Return the excess of held-out errors over noise, in standard errors of blocks."""
+    """Return held-out squared error beyond noise, over its standard error."""
     beyond = blocks(crossed) - blocks(crossed, crossed.problem.noise_over_floor)
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 
 
 def block_sum_deviation(values: FloatArray) -> float:
-    """Return the standard deviation of the sum of independent blocks (blocks,)."""
+    """Return the standard deviation of the sum of independent values (blocks,)."""
     return float(np.std(values)) * math.sqrt(values.size)
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
-    """Return the problem simulated finer, None where that changes or can do nothing."""
+    """Return the problem with a finer simulation; None if the numerical error is small.
+
+    It is also None if the simulation may not be finer.
+    """
     plant = problem.plant
     counts = plant.segments, plant.substeps
     if 2 * counts[0] > Limit.max_cable_segments and 2 * counts[1] > Limit.max_substeps:
@@ -679,9 +694,10 @@ def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem 
 def refinement_change(
     problem: Problem, x: FloatArray, masks: Masks
 ) -> tuple[float, SimulatedRig | None]:
-    """Return the RMS change over the floor by a finer plant, and that plant.
+    """Return the RMS torque change over the floor by a finer rig, and that rig.
 
-    Segments or steps are halved, whichever changes more; None where neither may be.
+    Segments or time steps are halved, whichever changes more; the rig is None at the
+    limit.
     """
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]
@@ -704,7 +720,7 @@ def refinement_change(
 def predicted(
     problem: Problem, start: FloatArray, division: Folds
 ) -> tuple[FloatArray, ...]:
-    """Return torques of every record predicted from other samples (2, samples).
+    """Return torques (2, samples) of every record by fits to the other folds.
 
     Samples that no fold holds out are predicted by the last fit.
     """
@@ -721,7 +737,10 @@ def predicted(
 def gaps(
     problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
 ) -> dict[str, Gap]:
-    """Return the gap of each channel on the held-out samples."""
+    """Return by channel the RMS errors before and after on held-out samples.
+
+    `before` and `after` are torques (2, samples) of every record [N m].
+    """
     records = problem.plant.records
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]
@@ -754,7 +773,10 @@ def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
 
 
 def _closed_share(old: float, new: float, floor: float) -> float:
-    """Return the closed share of the gap of squared RMS errors, NaN without one."""
+    """Return the removed share of RMS error beyond the floor; NaN without any.
+
+    The arguments are mean squares.
+    """
     if old <= 1.02 * floor:
         return math.nan
     before, after, least = (math.sqrt(square) for square in (old, new, floor))
@@ -784,7 +806,7 @@ class Held(NamedTuple):
 
 
 class Holdout:
-    """Held-out predictions of models; those of the baseline are computed once."""
+    """Predictions of held-out data by models; the baseline's are computed once."""
 
     def __init__(self, baseline: Problem, x: FloatArray, seed: int) -> None:
         self._baseline, self._x, self._seed = baseline, x, seed
@@ -795,7 +817,7 @@ class Holdout:
         self._before: dict[int, tuple[FloatArray, ...]] = {}
 
     def out(self, problem: Problem, x: FloatArray) -> Held | None:
-        """Predict the held-out data; None if they do not support the effects."""
+        """Predict held-out data; None if they are predicted worse with the effects."""
         baseline = self._baseline
         for place, division in enumerate(self._divisions):
             if place not in self._before:

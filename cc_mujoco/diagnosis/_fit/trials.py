@@ -1,11 +1,11 @@
-"""Differences between trials: errors, constants that change, odd trials, occasions.
+"""Differences between trials: errors, varying constants, outliers, occasions.
 
-A cable that was tightened or laid anew between trials is no effect of the library: the
-trials then contradict each other, and no added effect explains them all.
+A cable that was tightened or routed anew between trials is no effect of the library:
+the trials then contradict each other, and no added effect explains them all.
 
-Around a fitted model one parameter gets a value of its own in every trial, while all
-others are fitted to all trials; the derivatives of the fit serve for that, so it costs
-a few replays. An effect that is part of the mechanism has one size on all occasions; an
+To find this, one parameter of a fitted model gets a value for every trial, while all
+others are fitted to all trials. The derivatives of the fit are reused, so it costs a
+few replays. An effect that is part of the mechanism has one size on all occasions. An
 error of form that it stands in for changes with load, pose and pretension, which the
 size fitted to each occasion shows.
 """
@@ -48,10 +48,10 @@ from cc_mujoco.report._html import list_words
 def trial_errors(
     problem: Problem, before: Arrays, after: Arrays, final: tuple[Problem, FloatArray]
 ) -> tuple[TrialError, ...]:
-    """Return the errors of every trial that has counted samples, in order.
+    """Return the errors of both models in every trial with counted samples, in order.
 
-    `before` and `after` are (2, samples) torques of both models for every record [N m];
-    `final` is the extended one and its parameters, for the shares of slack.
+    `before` and `after` are the torques (2, samples) of both models for every record [N
+    m]; `final` is the second model and its parameters, for the shares of slack.
     """
     found, records, (model, x) = [], problem.plant.records, final
     values, plant = model.values(x), model.plant
@@ -69,7 +69,7 @@ def trial_errors(
 
 
 class Odd(NamedTuple):
-    """Trial that the others do not predict, or all trials that are declared tilted."""
+    """Outlier: a trial that the others do not predict, or all trials of one tilt."""
 
     trials: tuple[str, ...]  # names
     misfit: float  # RMS error over the noise floor, by parameters fitted to the others
@@ -109,7 +109,7 @@ class Odd(NamedTuple):
 
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
-    """Return which trials fit once their torque columns are exchanged, or ""."""
+    """Return a sentence on trials that fit with torque columns exchanged, or ""."""
     records, every = problem.plant.records, _record_indices(problem).items()
     firsts = {name: (own, records[own[0]]) for name, own in every}
     able = {n: own for n, (own, r) in firsts.items() if not (r.unhooked or r.load_cell)}
@@ -149,10 +149,10 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
 def find_outlier_trial(
     problem: Problem, x: FloatArray, tuned: Mapping[str, float] | None = None
 ) -> Odd | None:
-    """Return the trial that contradicts the others, if there is one.
+    """Return the trial that contradicts the others; None if none does.
 
-    A constant of its own brings it to their level. `tuned` has the error of every trial
-    by the tuned scene, see `misfits`; None if that is the model.
+    Another pretension, friction or tilt has to bring it to their level. `tuned` are the
+    errors by trial of the tuned scene, see `misfits`; None if that is the model.
     """
     places = _record_indices(problem)
     if len(places) < Limit.min_outlier_trials:
@@ -185,7 +185,7 @@ def find_outlier_trial(
 
 
 def extreme_condition(problem: Problem, names: Sequence[str]) -> str:
-    """Return the declared condition of which trials are the only extreme, or ""."""
+    """Return a condition that is largest or smallest in these trials, or ""."""
     records = problem.plant.records
     conditions: dict[str, list[float | None]] = {
         "pretension": [record.pretension for record in records],
@@ -206,7 +206,7 @@ def extreme_condition(problem: Problem, names: Sequence[str]) -> str:
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
-    """Return every trial's RMS error, by Huber, over that of noise alone."""
+    """Return every trial's RMS error by Huber's loss, over that of sensor noise."""
     errors = _errors(problem, x)
     places = _record_indices(problem).items()
     return {n: _misfit(problem, own, [errors[k] for k in own]) for n, own in places}
@@ -215,7 +215,7 @@ def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
 def _leave_out(
     problem: Problem, x: FloatArray, names: tuple[str, ...]
 ) -> tuple[Odd, FloatArray]:
-    """Return how far trials are off by a fit to the others, and its place."""
+    """Return the error of trials by a fit to the others, and the place of that fit."""
     places = _record_indices(problem)
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
@@ -230,7 +230,10 @@ def _leave_out(
 def _best_own_constant(
     problem: Problem, x: FloatArray, places: list[int], names: Sequence[str]
 ) -> tuple[float, str]:
-    """Return the error over the floor with the best own constant, and that in words."""
+    """Return the error over noise with the best of these constants, and it in words.
+
+    `places` are indices of the trial's records, `names` the constants to vary.
+    """
     from scipy.optimize import minimize_scalar
 
     values = problem.values(x)
@@ -302,7 +305,7 @@ def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
 
 
 def _rms(problem: Problem, places: Sequence[int], errors: Arrays) -> dict[str, float]:
-    """Return each channel's RMS error, weighted by 1 / floor^2 [N m]."""
+    """Return each channel's RMS error [N m], with samples weighted by 1 / floor^2."""
     records = problem.plant.records
     weights = [records[k].counts / np.square(problem.floor[k]) for k in places]
     pairs = zip(weights, errors, strict=True)
@@ -313,7 +316,7 @@ def _rms(problem: Problem, places: Sequence[int], errors: Arrays) -> dict[str, f
 
 
 def _misfit(problem: Problem, places: Sequence[int], errors: Arrays) -> float:
-    """Return the RMS error, by Huber as in fits, over that of noise alone."""
+    """Return the RMS error of records by Huber's loss, over that of sensor noise."""
     masks = [problem.plant.records[k].counts for k in places]
     noise, floor = problem.noise_over_floor, problem.floor
     pairs = zip(places, errors, strict=True)
@@ -332,7 +335,7 @@ SEQUENCE_ORDINATES = ("order of the trials", "time of the trials")
 
 
 class TrialConstants(NamedTuple):
-    """One parameter with a value of its own in every trial."""
+    """Values of one parameter fitted to each trial, all others being shared."""
 
     parameter: Tuned  # of the fit
     trials: tuple[str, ...]  # names, in the order of the data
@@ -354,7 +357,7 @@ class Trend(NamedTuple):
 
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
-    """Return parameters whose values by trial explain most of the error, best first."""
+    """Return the parameters that explain most error if fitted by trial, best first."""
     by_trial = _ByTrial(problem, x, unhooked=False)
     if len(by_trial.trials) < Limit.min_trend_trials:
         return ()
@@ -369,7 +372,7 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
 def constants_by_occasion(
     problem: Problem, x: FloatArray, indices: Sequence[int]
 ) -> tuple[TrialConstants, ...]:
-    """Return parameters by occasion, if all occasions inform about them."""
+    """Return the parameters `indices` that every occasion informs about, by it."""
     by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
     able = filter(by_occasion.affects_every_trial, indices)
     return tuple(_OneByTrial(by_occasion, index).fitted() for index in able)
@@ -378,7 +381,7 @@ def constants_by_occasion(
 def trial_trends(
     found: TrialConstants, ordinates: Mapping[str, FloatArray]
 ) -> tuple[Trend, ...]:
-    """Return regressions on ordinates (trials,), the least probable first."""
+    """Return regressions of a parameter on ordinates, most significant first."""
     tried = []
     for name, values in ordinates.items():
         good = np.isfinite(values) & np.isfinite(found.change)
@@ -389,9 +392,9 @@ def trial_trends(
 
 
 def trial_step(found: TrialConstants) -> Trend:
-    """Return the regression on before and after a trial, for the least probable one.
+    """Return the most significant step of a parameter from one trial to the next.
 
-    Its ordinate is the first trial after it, its chance that in any of the places.
+    The ordinate is the first trial after the step. The chance allows for all places.
     """
     good = np.flatnonzero(np.isfinite(found.change))
     known, order = (found.change[good], found.error[good]), np.arange(good.size)
@@ -406,7 +409,8 @@ def trial_step(found: TrialConstants) -> Trend:
 def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
     """Test a trend by weighted regression with Student's t (Hartung and Knapp 2001).
 
-    Trials may scatter beyond their own uncertainty (DerSimonian and Laird 1986).
+    `change` at the ordinate `at` has the standard error `error`, (trials,) each. Trials
+    may scatter by more than that (DerSimonian and Laird 1986).
     """
     from scipy.stats import t as student
 
@@ -434,9 +438,10 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 
 
 class _ByTrial:
-    """Model at the place of its fit, whose parameters trials may have of their own.
+    """Fitted model and its derivatives, for fits of single parameters by trial.
 
-    `group` names what counts as a trial; those with the cables off count if `unhooked`.
+    `group` is the attribute of records that names a trial, or an occasion. Trials with
+    the cables taken off count only if `unhooked`.
     """
 
     def __init__(
@@ -474,13 +479,13 @@ class _ByTrial:
         return bool(np.all(square > 1e-4))
 
     def share(self, error: FloatArray) -> float:
-        """Return the removed share of squared error beyond the floor, 0 without any."""
+        """Return the removed share of the squared error beyond the floor, or 0."""
         if self._beyond <= 0.02 * self.noise:
             return 0.0
         return 1.0 - (float(error @ error) - self.noise) / self._beyond
 
     def plain(self, torques: Arrays) -> list[FloatArray]:
-        """Return Huber's errors of every record, 0 in those left out (1, samples)."""
+        """Return Huber's errors of every record; 0 (1, samples) in those left out."""
         found = [np.zeros(mask.size)[None] for mask in self.masks]
         for k, torque in zip(self.seen, torques, strict=True):
             off = self.problem.plant.records[k].measured - torque
@@ -499,7 +504,7 @@ class _ByTrial:
 
 
 class _OneByTrial:
-    """Gauss-Newton with one parameter by trial; the unknowns end with its values."""
+    """Gauss-Newton fit of one parameter by trial, its values the last unknowns."""
 
     def __init__(self, model: _ByTrial, index: int) -> None:
         problem, trials = model.problem, np.zeros(len(model.trials))
@@ -565,7 +570,7 @@ class _OneByTrial:
         )
 
     def _design(self, slopes: FloatArray) -> FloatArray:
-        """Return derivatives by the unknowns (rows, unknowns)."""
+        """Return derivatives by shared parameters and trials (rows, unknowns)."""
         own = np.zeros((len(slopes), len(self._model.trials)))
         own[np.arange(len(slopes)), self._model.rows] = slopes[:, self._index]
         return np.concatenate([np.delete(slopes, self._index, axis=1), own], axis=1)
@@ -586,7 +591,7 @@ class _OneByTrial:
         return np.asarray(-np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size)
 
     def _simulated(self, place: FloatArray) -> list[FloatArray]:
-        """Return the torques of the visible records, each with its trial's value."""
+        """Return torques of the compared records, each with its trial's value."""
         model, count = self._model, len(self._model.trials)
         shared = model.x + np.insert(place[:-count], self._index, 0.0)
         found: dict[int, FloatArray] = {}
@@ -598,7 +603,7 @@ class _OneByTrial:
 
 
 class TrialDifferences(NamedTuple):
-    """Parameters that differ between trials, and quantities that they may follow."""
+    """Parameters that differ between trials, and quantities that may explain them."""
 
     constants: tuple[TrialConstants, ...]  # the best first
     ordinates: Mapping[str, FloatArray]  # (trials,) by name
@@ -626,7 +631,7 @@ class TrialDifferences(NamedTuple):
         return cls(constants, ordinates)
 
     def at_random(self, misfit: float) -> str:
-        """Return the constant that differs at random in words, or ""."""
+        """Return a sentence on a constant that differs without a trend, or ""."""
         for _, where in self.described(""):
             if where.axis == "trial" and where.share_of_error > Limit.random_share:
                 return (
@@ -638,7 +643,11 @@ class TrialDifferences(NamedTuple):
         return ""
 
     def described(self, worst: str) -> list[tuple[str, Where]]:
-        """Return constants that differ in words, short and in full."""
+        """Return a short and a full description of the constant that differs most.
+
+        `worst` is the channel named in the full one. The list is empty if none explains
+        enough.
+        """
         able = [each for each in self.constants if each.share >= Limit.min_trend_share]
         if not able:
             return []
@@ -712,7 +721,7 @@ class TrialDifferences(NamedTuple):
 def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
-    """Compare the parameters and sizes of effects on the occasions, if several."""
+    """Compare parameters and sizes of effects by occasion; None for a single one."""
     names = simulation.occasions_of(problem.plant.records)
     if len(names) < 2:
         return None
@@ -747,7 +756,10 @@ def compare_occasions(
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change since the occasion of an estimate, and the same in words."""
+    """Return the change of a parameter since an occasion, and the same in words.
+
+    `earlier` is the estimate of the parameter there, relative to the last occasion.
+    """
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:

@@ -90,7 +90,7 @@ class LossFit:
 
 
 class SceneLaw(NamedTuple):
-    """Friction that a scene states, of one cable or of a pull-pull pair."""
+    """Friction that the scene states, of one cable or of a pull-pull pair."""
 
     exponent: float  # mu theta of a cable
     pretension: float  # of one cable, as torque at the joint [N m]; 0 of one cable
@@ -115,10 +115,11 @@ def strokes_of(
     step: float,
     speed_noise: float,
 ) -> list[Stroke]:
-    """Return the strokes of a stretch without gaps, rests left out.
+    """Return the strokes of a recording without gaps; rests are left out.
 
-    `ideal` is the torque of the joint without loss (samples,) [N m], `speed_noise` the
-    standard deviation of the speed [rad/s].
+    `angle` of the joint [rad], `ideal`, its torque without loss, and measured `torque`
+    [N m] are (samples,), every `step` [s]. `speed_noise` is the deviation of the speed
+    [rad/s].
     """
     speed = velocity(angle, step)
     top = float(np.percentile(np.abs(speed), 95))
@@ -160,7 +161,7 @@ class _Law(NamedTuple):
 
     @classmethod
     def of(cls, blocks: Sequence[_Block], load_noise: float) -> _Law:
-        """Return the law of blocks, with the columns that they distinguish."""
+        """Return the law of blocks, with the columns that these distinguish."""
         active = _distinguished(np.concatenate([each.columns for each in blocks]))
         squares, products = [], []
         for each in blocks:
@@ -171,10 +172,11 @@ class _Law(NamedTuple):
         return cls(blocks, active, np.array(squares), np.array(products))
 
     def solve(self, weights: FloatArray) -> FloatArray:
-        """Return coefficients (draws, 6) for weights of the blocks (draws, blocks).
+        """Return the coefficients (draws, 6) for block weights (draws, blocks).
 
-        Coefficients of unfitted columns are 0, or NaN for the first four; those that a
-        draw does not determine, say without a load that drives the motor, are NaN.
+        Drag and inertia are 0 if not fitted. Other coefficients that are not fitted, or
+        that a draw does not determine (say without a load that drives the motor), are
+        NaN.
         """
         squares = np.tensordot(weights, self.squares, 1)
         products = (weights @ self.products)[..., None]
@@ -187,12 +189,12 @@ class _Law(NamedTuple):
         return found
 
     def best(self) -> FloatArray:
-        """Return the coefficients (1, 6) with all blocks."""
+        """Return the coefficients (1, 6) with all blocks weighted equally."""
         return self.solve(np.ones((1, len(self.blocks))))
 
     @property
     def constant_load(self) -> bool:
-        """True if the data do not distinguish one of their slopes from a loss."""
+        """True if the load varies too little to distinguish gain from loss."""
         used = {k: any(np.any(b.columns[:, k]) for b in self.blocks) for k in range(2)}
         present = [column for column in (DRIVING, DRIVEN) if used[column]]
         return not np.isin(present, self.active).all()
@@ -213,7 +215,7 @@ def _distinguished(columns: FloatArray) -> NDArray[np.int_]:
 
 
 def _own_share(columns: FloatArray, column: int, others: Sequence[int]) -> float:
-    """Return the share of a column's square that the others do not explain."""
+    """Return the share of a column's square that other columns do not explain."""
     own = columns[:, column]
     used = own != 0.0
     power = float(own @ own)
@@ -231,7 +233,7 @@ def fit_loss(
     gain_uncertainty: float = math.inf,
     seed: int = 0,
 ) -> LossFit:
-    """Fit the loss of a transmission.
+    """Fit the loss of a transmission by direction and load.
 
     `load_noise` is the deviation of the torque without loss [N m], `gain_uncertainty`
     that of the ratio of both gains, infinite if unknown.
@@ -308,7 +310,10 @@ _UNITS |= {f"load_independent_{way}": "N m" for way in ("positive", "negative")}
 def _derived(
     found: FloatArray, law: _Law, weights: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Return quantities derived from coefficients (draws, 6), by name (draws,)."""
+    """Return the physical quantities (draws,) of coefficients (draws, 6).
+
+    `weights` (draws, blocks) are those of the draws; None if all are 1.
+    """
     values: dict[str, FloatArray] = {}
     known = set(law.active.tolist())
     if {DRIVING, DRIVEN} <= known:
@@ -353,7 +358,7 @@ def _columns(stroke: Stroke) -> FloatArray:
 
 
 def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
-    """Return the blocks of strokes beyond a travel, long ones divided."""
+    """Return the parts of strokes after a travel of `settling` [rad], as blocks."""
     found: list[_Block] = []
     for way in (1.0, -1.0):
         own = [s for s in strokes if s.sign == way and s.travel[-1] > settling]
@@ -371,7 +376,7 @@ def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
 
 
 class _Profile(NamedTuple):
-    """Excess of the loss over that of sliding, by the travel since a reversal."""
+    """Excess of the loss over that of sliding, by travel since a reversal."""
 
     edges: FloatArray  # of the bins of travel (bins + 1,) [rad]
     excess: FloatArray  # sum of the excess by reversal and bin (reversals, bins) [N m]
@@ -400,7 +405,7 @@ class _Profile(NamedTuple):
         return cls(edges, table[0::2], table[1::2])
 
     def ratio(self) -> tuple[FloatArray, FloatArray]:
-        """Return the relative excess by bin, NaN if empty, and its standard error."""
+        """Return relative excess and standard error (bins,); NaN with few strokes."""
         whole = np.abs(self.sliding.sum(axis=0))
         used = np.count_nonzero(self.sliding, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -411,7 +416,7 @@ class _Profile(NamedTuple):
         return ratio, error
 
     def settling(self, usual: float) -> float:
-        """Return the travel from which three bins in a row show the loss of sliding."""
+        """Return the travel [rad] after which the loss is steadily that of sliding."""
         if not len(self.excess):
             return 0.3 * usual
         ratio, error = self.ratio()
@@ -423,9 +428,10 @@ class _Profile(NamedTuple):
 
 
 def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, float]:
-    """Return the largest relative excess of the loss, and its travel.
+    """Return the largest relative excess of the loss, and its travel [rad].
 
-    One half of the reversals chooses the bin, the other one evaluates it, both ways.
+    One half of the reversals chooses the bin and the other evaluates it, then vice
+    versa.
     """
     count = len(profile.excess)
     if count < Limit.min_reversals:
@@ -492,7 +498,7 @@ def _undetermined(law: _Law, doubt: float, breakaway_at: float) -> tuple[str, ..
 
 
 def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
-    """Return the loss by direction and load, and what these data cannot show."""
+    """Return a diagnosis: the loss by direction and load, and what stays unknown."""
     where, known = dataset.path or "these trials", dataset.instruments
     if bench.led or bench.others:
         raise CableError(
@@ -573,7 +579,7 @@ def _strokes(place: int, trial: Trial, dataset: Dataset, bench: Bench) -> list[S
 
 
 def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, float]:
-    """Return the noise of the torque without loss and of the joint's [N m]."""
+    """Return the noise of the torque without loss, and of the joint's [N m]."""
     rate = min((trial.rate for trial in trials), default=1.0)
     passed = math.sqrt(min(1.0, 2.0 * compared_band(rate) / rate))
     known = [dataset.noise.get(name) for name in (MOTOR_TORQUE, JOINT_TORQUE)]

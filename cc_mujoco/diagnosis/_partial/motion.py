@@ -63,7 +63,7 @@ class _Stretch(NamedTuple):
 
 
 def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
-    """Return how the joint follows the motor, and what these data cannot show."""
+    """Return a diagnosis: how the joint follows the motor, and what stays unknown."""
     if bench.led:
         raise CableError(
             f"scene {bench.path} has a cable whose path its joint moves, which takes a "
@@ -142,7 +142,7 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
 
 
 def _noise(dataset: Dataset, bench: Bench) -> float:
-    """Return the noise of the difference of both angles, as compared [rad]."""
+    """Return the noise of joint less motor angle after the low-pass [rad]."""
     rate = float(min(trial.rate for trial in dataset.trials))
     passed = min(1.0, 2.0 * compared_band(rate) / rate)
     known = [dataset.noise.get(name) for name in (JOINT_ANGLE, MOTOR_ANGLE)]
@@ -180,7 +180,7 @@ def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
 
 
 def _counted(stretch: _Stretch, play: float) -> _Stretch:
-    """Return the stretch from where the motor has moved well beyond the play."""
+    """Return the stretch with counts from where the motor has left the play."""
     motor = stretch.motor
     reach = np.maximum.accumulate(motor) - np.minimum.accumulate(motor)
     counts = reach > Limit.range_over_play * play

@@ -1,4 +1,4 @@
-"""Trials that most rigs can run, and the one that would separate two rivals."""
+"""Catalogue of trials that most rigs can run, and the one that separates two rivals."""
 
 from __future__ import annotations
 
@@ -79,11 +79,11 @@ def motions(
     instruments: Instruments = TORQUE_SENSORS,
     cells: Collection[str] = (),
 ) -> list[CataloguedTrial]:
-    """Return trials within these limits, and two of a larger swing.
+    """Return the trials of the catalogue within these limits, two beyond `swing`.
 
-    They go to and fro about `middle_angle` by at most `swing` to either side [rad], at
-    most at `rate` [rad/s], against a known `load` if any [N m/rad]; each of the
-    `cells`, channels of load cells in single cables, has its own.
+    They move about `middle_angle` by at most `swing` to either side [rad], at most at
+    `rate` [rad/s], against a known `load` if any [N m/rad]. Each of the `cells`,
+    channels of load cells in single cables, adds its own trials.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -93,7 +93,6 @@ def motions(
     (joint_middle,) = bench.carried(np.array([motor_middle]))
 
     def free(motor: FloatArray) -> FloatArray:
-        """Return the change of the joint's angle as the motor carries it along."""
         return np.asarray(bench.carried(motor_middle + motor) - joint_middle)
 
     time = np.arange(0.0, 40.0, MOTION_STEP)
@@ -129,7 +128,7 @@ def motions(
     def play(
         words: str, motor: FloatArray, joint: FloatArray | None = None, **more: Any
     ) -> CataloguedTrial:
-        """Return a trial about the middle, whose joint goes along or has a motion."""
+        """Return a trial about the middle; the joint follows the motor by default."""
         along = joint_middle + (free(motor) if joint is None else joint)
         return CataloguedTrial(words, motor_middle + motor, along, **more)
 
@@ -244,7 +243,7 @@ def motions(
 
 
 def middle_angle(bench: Bench, swing: float) -> float:
-    """Return the motor angle about which the motor can swing to both sides [rad]."""
+    """Return the motor angle with equal room for the swing to both sides [rad]."""
     low, high = np.sort(bench.following(np.array(bench.span)))
     if high - low < 2.0 * swing:
         return 0.5 * float(low + high)
@@ -272,7 +271,7 @@ def write_motion(path: Path, motion: CataloguedTrial) -> None:
 
 
 def catalogue(problem: Problem) -> list[CataloguedTrial]:
-    """Return trials within the speeds and tensions of the data, and one beyond."""
+    """Return trials within the speeds and tensions of the data, and two beyond."""
     plant = problem.plant
     swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
     speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
@@ -281,7 +280,7 @@ def catalogue(problem: Problem) -> list[CataloguedTrial]:
 
 
 class Rivals(NamedTuple):
-    """Two effects that the data do not distinguish."""
+    """Two effects that the data do not distinguish, and the models with either."""
 
     ids: tuple[str, str]  # of the effects
     before: CrossValidation  # the model without either
@@ -290,7 +289,7 @@ class Rivals(NamedTuple):
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """Two models, weighted by their own errors, and the places of their fits."""
+        """Both models, weighted by their own errors, with their fitted parameters."""
         found = []
         for model in self.models:
             masks = [record.free for record in model.problem.plant.records]
@@ -327,7 +326,7 @@ def propose(
 
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
-    """Return the first two effects of a tie, as they were refitted to one model."""
+    """Return the first two effects of a tie, fitted on top of one model."""
     one, two = tie[:2]
     # The last round that has both; parts of the data may name others.
     before, models = found.before, {}
@@ -345,13 +344,13 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
 
 
 def best_trial(rivals: Rivals) -> Proposal | None:
-    """Return the trial that distinguishes two fitted rivals, or None.
+    """Return the trial that best distinguishes two rivals; None if none can.
 
-    If one of them were true, the other would be fitted again, to old and new data: only
-    the difference that then remains beyond the form error of effects counts. A trial is
-    proposed if that is no chance, if the rule that found the tie would find none with
-    it, and if the data have no such trial yet; where none settles the tie whichever
-    effect is true, one that does if the effect that fits better now is true.
+    If one effect were true, the other would be fitted again, to old and new data: only
+    the remaining difference beyond the form error of effects counts. A trial is
+    proposed if the difference is significant, if the rule that found the tie would find
+    none with it, and if the data have no such trial yet. If no trial settles the tie
+    whichever effect is true, one that does if the better effect is true is proposed.
     """
     fitted = rivals.fitted
     problem = fitted[0][0]
@@ -440,11 +439,11 @@ def _describe_difference(
 def recorded(
     every: Sequence[CataloguedTrial], bench: Bench, records: Sequence[Record]
 ) -> set[str]:
-    """Return the descriptions of the motions that the data contain.
+    """Return the descriptions of those motions of `every` that the data contain.
 
-    The notes of a trial name the motion, or it has the same facts and moves as far
-    along it, begun at any time; with the cables off the joint moves half as far. Of
-    several motions it is the one with the most similar lag of the joint.
+    A trial contains a motion if its notes name it, or if it has the same facts and
+    travel, begun at any time. With the cables off, half the travel of the joint is
+    enough. Of several motions it is the one whose lag of the joint is most similar.
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
@@ -499,10 +498,11 @@ def _matches_motion(
 def separates_rivals(
     rivals: Rivals, record: Record, true: int, made: FloatArray, left: FloatArray
 ) -> bool:
-    """Return whether two effects would not be in a tie with one trial more.
+    """Return whether one more trial would end the tie of two effects.
 
-    `true` is the index of the true effect, `made` its change (rows, samples) there over
-    the floor, `left` (rows, samples) the error of the other one, fitted again.
+    `true` is the index of the true effect, `made` (rows, samples) its change of the
+    torques in the trial, `left` (rows, samples) the error of the other one, fitted
+    again, both over the floor.
     """
     model, other = rivals.models[true], rivals.models[1 - true]
     names = rivals.ids[true], rivals.ids[1 - true]
@@ -515,7 +515,7 @@ def separates_rivals(
 def _with_trial(
     crossed: CrossValidation, record: Record, error: FloatArray
 ) -> CrossValidation:
-    """Return the validation with one more trial, with this error of a model."""
+    """Return the cross-validation with a trial more, of this error (rows, samples)."""
     problem = crossed.problem
     base = problem.plant.records[0]
     times = max(1, round(record.dt / base.dt))
@@ -537,10 +537,10 @@ def _row_medians(each: Arrays) -> FloatArray:
 
 
 def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
-    """Return the model-form error of an effect, relative to the noise (rows, 1).
+    """Return the form error of an effect, relative to the noise (rows, 1).
 
-    `shown` are torques of a trial (rows, samples) by each model, `without` those
-    without the effect, `noise` (rows, 1) is theirs [N m].
+    `shown` are the torques of a trial (rows, samples) by each of two models, `without`
+    those without the effect, `noise` (rows, 1) that of the torques [N m].
     """
     pairs = zip(shown, without, strict=True)
     parts = [(torque - rest) / noise for torque, rest in pairs]
@@ -551,7 +551,10 @@ def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
 def motion_record(
     motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
-    """Return a motion as a record of `rows` torques, all 0, at a `tension` [N]."""
+    """Return a motion as a record of `rows` torques that are 0.
+
+    Its pretension is `tension` [N] times that of the motion.
+    """
     size = min(motion.motor.size, motion.joint.size)
     angles = np.array([motion.motor[:size], motion.joint[:size]])
     pretension = tension * motion.pretension
@@ -578,7 +581,7 @@ def motion_record(
 
 
 def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
-    """Return a motion as a record of the last occasion of the data."""
+    """Return a motion as a record on the last occasion of the data."""
     records, bench = problem.plant.records, problem.plant.bench
     last = occasions_of(records)[-1]  # on which it is recorded
     records = tuple(each for each in records if each.occasion == last)
@@ -602,11 +605,11 @@ def refit_difference(
     known: FloatArray,
     difference: FloatArray,
 ) -> FloatArray:
-    """Return the rest of a difference after a refit within bounds (2, samples).
+    """Return the difference (2, samples) that is left after a refit within bounds.
 
-    `record` is the new trial as predicted, `noise` (2, 1) of its torques [N m], `known`
-    (residuals, parameters) the Jacobian on present data and priors, `difference` (2,
-    samples) is relative to the noise.
+    `record` is the new trial as predicted, `noise` (2, 1) that of its torques [N m],
+    `known` (residuals, parameters) the Jacobian on present data and priors.
+    `difference` (2, samples) is relative to the noise.
     """
     from scipy.optimize import lsq_linear
 

@@ -1,9 +1,9 @@
-"""Choose trials before there are any data: all effects testable, none tied.
+"""Choice of trials before there are any data: all effects testable, none tied.
 
 The catalogue's motions are simulated with the scene as it is, and with each effect at a
-size that is plausible on the rig, see `plausible_size`. The change by an effect, less
-the part that tuning can explain, adds up over trials (in the normal equations), so
-every set of trials is judged without another simulation.
+plausible size, see `plausible_size`. The change by an effect, less the part that tuning
+can explain, adds up over trials in the normal equations, so every set of trials is
+judged without another simulation.
 """
 
 from __future__ import annotations
@@ -108,7 +108,6 @@ def planned(
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
     def read(torques: Arrays) -> tuple[Record, ...]:
-        """Return the records with these torques, which scale the tuning."""
         pairs = zip(plant.records, torques, strict=True)
         return tuple(replace(record, measured=torque) for record, torque in pairs)
 
@@ -158,7 +157,7 @@ def planned(
 
 
 def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
-    """Return the record with noise of both angles, as far as it passes the filters."""
+    """Return the record with noise on both angles, slow enough to pass the filters."""
     random, size, angles = np.random.default_rng(0), record.time.size, []
     known = (MOTOR_ANGLE, record.motor_angle), (JOINT_ANGLE, record.joint_angle)
     for name, angle in known:
@@ -174,7 +173,10 @@ def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
 def _gram_matrices(
     problem: Problem, x: FloatArray, ids: Sequence[str]
 ) -> tuple[list[FloatArray], list[tuple[str, float]]]:
-    """Return the Gram matrix of each record, baseline first, and its amplitudes."""
+    """Return the Gram matrix of each record, and effect and size by its columns.
+
+    The baseline's parameters come first, then the sizes of the effects `ids`.
+    """
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)
@@ -196,7 +198,7 @@ def _gram_matrices(
 
 
 def _choose_records(grams: Arrays, owners: Owners, fixed: Sequence[int]) -> list[int]:
-    """Return the standard records and those that improve the design, greedily."""
+    """Return the `fixed` records and those that resolve most more, greedily."""
     chosen, best = list(fixed), 0.0
     while len(chosen) < len(grams):
         tried = {}  # number of effects that would be identified, in part or whole
@@ -242,7 +244,7 @@ def _resolved_effects(gram: FloatArray, owners: Owners) -> list[Resolved]:
 
 
 def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:
-    """Return the largest cosine between the changes of two effects."""
+    """Return the largest cosine between combinations of the changes of two effects."""
     if not one.size or not other.size:
         return 0.0
     values = np.linalg.svd(one.T @ cross @ other, compute_uv=False)
@@ -336,7 +338,7 @@ def plan(
 
 
 def _read_declarations(path: Path) -> str:
-    """Return the declarations of a plan without trials, to continue with its trials."""
+    """Return the text of a `dataset.toml` that has no trials yet."""
     text = path.read_text(encoding="utf-8")
     if "trials" in parse_toml(text):
         raise CableError(
@@ -347,7 +349,7 @@ def _read_declarations(path: Path) -> str:
 
 
 def _require_possible(bench: Bench, reach: float) -> None:
-    """Require that the joint can follow the reach of the motor."""
+    """Require that the joint can follow the motor by `reach` [rad] to either side."""
     most, limit = math.tau * bench.joint_radius / bench.motor_radius, ""
     if reach * bench.motor_radius / bench.joint_radius > math.tau:
         limit = (
@@ -374,7 +376,7 @@ def _half_range(bench: Bench) -> float:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the motor's largest angle to either side, within a second [rad]."""
+    """Return the motor's default largest angle to either side, within 1 s [rad]."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else _half_range(bench)
         return min(0.8, half)

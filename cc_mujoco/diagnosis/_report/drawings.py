@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Excerpt(NamedTuple):
-    """Stretch of one trial."""
+    """Stretch of one trial to draw."""
 
     trace: TrialTrace  # of the trial
     part: slice  # its samples that are shown
@@ -50,13 +50,13 @@ def excerpts(evidence: Evidence) -> tuple[Excerpt, Excerpt] | None:
 
 
 def model_changed(evidence: Evidence) -> bool:
-    """Return whether the models of `after` and `before` differ."""
+    """Return whether the torques of `after` and `before` differ in any trial."""
     pairs = [(t.before[c], t.after[c]) for t in evidence.traces for c in t.measured]
     return not all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
 def _windows(evidence: Evidence) -> list[Excerpt]:
-    """Return the stretches of every trial that overlap by three quarters."""
+    """Return the windows of every trial that overlap by three quarters."""
     squares = [  # errors of the baseline by channel, 0 without valid data
         {c: np.nan_to_num(t.error(c) * (t.counts > 0)) ** 2 for c in t.measured}
         for t in evidence.traces
@@ -94,7 +94,7 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
 
 
 def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
-    """Return the pairs of ids with similar signatures, by falling cosine."""
+    """Return the pairs of ids with similar signatures, and their falling cosines."""
     ids, cosines = isolability.ids, isolability.cosines
     places = [(r, c) for r, c in np.ndindex(cosines.shape) if c < r]
     able = [(r, c) for r, c in places if cosines[r, c] > Limit.confused_cosine]
@@ -108,7 +108,7 @@ def invisible_effects(isolability: Isolability) -> list[str]:
 
 
 def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
-    """Draw a heat map of cosines and bars of visibility; None without effects."""
+    """Draw the effects' cosines as a heat map and visibility as bars, or None."""
     from matplotlib.colors import LinearSegmentedColormap
 
     count = len(isolability.ids)
@@ -186,7 +186,7 @@ def ranked_maps(evidence: Evidence) -> list[Map]:
 
 
 def shown_maps(evidence: Evidence) -> list[Map]:
-    """Return the maps to draw, by share: those beyond chance, or else the best two."""
+    """Return the maps that chance does not explain, or else the best two."""
     ranked = ranked_maps(evidence)
     real = [each for each in ranked if each.share > each.chance]
     return real[:4] or ranked[:2]
@@ -215,7 +215,7 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
 
 
 def draw_maps(maps: list[Map], both: bool) -> Figure:
-    """Draw the mean error over quantities, a panel each; `both` with two models."""
+    """Draw the mean error over each axis, one panel per map; `both` models or one."""
     drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(maps))
     panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
     for axes, each in zip(panels, maps, strict=True):
@@ -226,7 +226,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
 
 
 def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
-    """Draw torques of a stretch, their residuals, motion; `both` with two models."""
+    """Draw torques of a stretch, their residuals, motion; `both` models or one."""
     trace, part = excerpt.trace, excerpt.part
     time = trace.time[part]
     heights = [1.6, 1.0] * len(trace.measured) + [1.1]
@@ -279,7 +279,7 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
 
 
 def _has_equal_ratios(centre: FloatArray) -> bool:
-    """Return whether bins have equal ratios rather than equal differences."""
+    """Return whether the bins `centre` have equal ratios, not equal differences."""
     if len(centre) < 3 or not np.all(centre > 0):
         return False
     even, ratio = np.diff(centre), np.diff(np.log(centre))
@@ -287,7 +287,7 @@ def _has_equal_ratios(centre: FloatArray) -> bool:
 
 
 def _broken(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the curve, broken where samples are missing, so that no line crosses."""
+    """Return the curve with NaN where samples are missing, so that no line crosses."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > 3.0 * np.median(steps)) + 1
     return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)

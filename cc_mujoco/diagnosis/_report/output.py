@@ -54,7 +54,7 @@ VERDICT_FILE = "verdict.json"
 
 
 class Earlier(NamedTuple):
-    """Files of an earlier diagnosis."""
+    """Inputs and results of an earlier diagnosis, read from its folder."""
 
     data: tuple[Path, ...]  # its trials
     scene: Path  # MJCF file of the rig
@@ -65,7 +65,7 @@ class Earlier(NamedTuple):
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
-        """Read the inputs from the files of a diagnosis; none may have changed."""
+        """Read the inputs of a diagnosis from its folder; none may have changed."""
         place = Path(folder) / VERDICT_FILE
         try:
             verdict = parse_json(place.read_text(encoding="utf-8"))
@@ -115,10 +115,10 @@ class Earlier(NamedTuple):
         return cls(*files, scene.get("axis"), tuple(code), more)
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
-        """Return one `dataset.toml` for the earlier and the new trials.
+        """Return the path of one `dataset.toml` for the earlier and the new trials.
 
-        For the trial that was proposed it is the one written with it; another one next
-        to the new trials would be ignored and is refused.
+        For the proposed trial it is the one written with it. A `dataset.toml` next to
+        other new trials would be ignored and is refused.
         """
         files = data_files(data)
         own = find_dataset_file(files)
@@ -150,7 +150,7 @@ def _relative_path(base: str, path: str) -> Path:
 
 @dataclass(frozen=True)
 class DiagnosisResult:
-    """Diagnosis with the model, evidence and fits behind it."""
+    """Diagnosis, with the model, evidence and fits that it is based on."""
 
     diagnosis: Diagnosis  # verdict, in numbers and sentences
     bench: Bench  # rig as the scene has it
@@ -299,7 +299,7 @@ def write(
     seed: int,
     effects: Sequence[str] = (),
 ) -> Diagnosis:
-    """Write everything to a folder and return the diagnosis with its provenance.
+    """Write all results to a folder and return the diagnosis with its provenance.
 
     The verdict, which took a search, is written first, and stays if the rest fails.
     """
@@ -407,7 +407,7 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
 
 
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
-    """Make effects of the measured angle act on that angle plus the offset."""
+    """Shift effects of the measured joint angle by its `offset` [rad], in place."""
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]

@@ -85,7 +85,7 @@ def four_answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _floors(diagnosis: Diagnosis, after: bool = False) -> dict[str, float]:
-    """Return the error of every channel over the noise floor, the largest first."""
+    """Return the error over the noise floor by channel, the largest first."""
     sizes = {
         name: (gap.rmse_after if after else gap.rmse_before) / gap.noise_floor
         for name, gap in diagnosis.gap.items()

@@ -1,17 +1,18 @@
 """Trials made ready for comparison: one clock, one band, a run-in that does not count.
 
-Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
-played, keep a wider band, as a corner of smoothed angles is no smoothed corner of
-friction. They stand still where they move by less than a few deviations of their noise,
-which would shake a cable loose that sticks.
+Measured and simulated torques pass the same zero-phase low-pass. Angles, the inputs of
+the simulation, keep a wider band, as friction responds to the corners of a motion.
+Where they move by less than a few deviations of their noise they are held, as noise
+would shake a sticking cable loose.
 
-The state of the cable before a trial is unknown: a short lead-in from rest in
-pretension goes to the first sample, and samples do not count until the motor has moved
-the whole cable. A torque that no sensor measures may follow from a declared load.
+The state of the cable before a trial is unknown. So a lead-in moves from rest in
+pretension to the first sample, and samples do not count until the motor has moved the
+whole cable. A torque that no sensor measures may follow from a declared load.
 
-Records are replayed independently of each other, each in a thread. The key of a cached
-replay is everything that acts on the cables, so candidates, folds and derivatives share
-it; changes of sensors or outer loads need no replay.
+A replay simulates the cables along the angles of a record. Records are replayed
+independently, each in a thread. The key of a cached replay is everything that acts on
+the cables, so candidates, folds and derivatives share it; changes of sensors or outer
+loads need no replay.
 """
 
 from __future__ import annotations
@@ -59,15 +60,15 @@ _EDGE_SAMPLES = 9
 
 
 def compared_band(rate: float) -> float:
-    """Return the cut-off of torques that are recorded at a rate [Hz]."""
+    """Return the cut-off [Hz] of the low-pass for torques sampled at a rate [Hz]."""
     return min(Limit.max_band, 0.3 * rate)
 
 
 def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Apply a zero-phase Butterworth low-pass to signals (..., samples).
 
-    It equals `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that
-    module takes a second to load, and a call of it longer than the filter.
+    It equals `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding. That
+    module takes a second to import, and a call of it takes longer than this filter.
     """
     if band >= 0.45 * rate:
         return signals
@@ -83,10 +84,9 @@ def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _coefficients(band: float) -> tuple[float, float, float]:
-    """Compute the filter's coefficients by bilinear map.
+    """Return the coefficients b0, a1 / a0, a2 / a0 of the filter, by bilinear map.
 
-    They are the coefficient of z**0, and over it those of z**-1 and z**-2 of the
-    denominator. The numerator is the first times 1, 2, 1.
+    The numerator is b0 (1 + 2 / z + 1 / z^2).
     """
     k = math.tan(math.pi * band)
     whole = 1.0 + math.sqrt(2.0) * k + k * k
@@ -121,10 +121,11 @@ def load_values(constants: Mapping[str, Constant]) -> dict[str, float]:
 def load_torque(
     angle: FloatArray, step: float, values: Mapping[str, float], tilt: float = 0.0
 ) -> FloatArray:
-    """Return the torque that moves a load (samples,) [N m].
+    """Return the torque (samples,) that a declared load takes from the joint [N m].
 
-    `angle` is that of the joint (samples,), smooth [rad]; `values` are `RIG_CONSTANTS`
-    in SI units; `tilt` the angle by which the rig was turned [rad].
+    `angle` is that of the joint (samples,), smooth [rad], every `step` [s]; `values`
+    are `RIG_CONSTANTS` in SI units; `tilt` is the angle by which the rig was turned
+    [rad].
     """
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
@@ -165,7 +166,7 @@ LEAD_SAMPLES = 2 * Limit.ramp_samples
 class Record:
     """One stretch of one trial; arrays have one entry per compared sample.
 
-    A record is equal to itself only, so that results of it can be cached.
+    A record equals only itself, so that results for it can be cached.
     """
 
     trial: str  # name of the trial
@@ -199,7 +200,7 @@ class Record:
 
     @property
     def unhooked(self) -> bool:
-        """True if the cables were taken off, so that they pull nothing."""
+        """True if the cables were taken off in the trial."""
         return self.pretension == 0.0
 
     @property
@@ -215,7 +216,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Filtering:
-    """Processing applied to the recorded signals."""
+    """Processing that was applied to the recorded signals."""
 
     band: float  # cut-off of the low-pass of torques [Hz]
     motion_band: float  # cut-off of that of angles [Hz]
@@ -226,7 +227,7 @@ class Filtering:
 
 
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
-    """Return the records of a dataset, in order, and how they were filtered."""
+    """Return the records of a dataset, in order, and the filters applied to them."""
     first, slowest = dataset.trials[0], min(trial.rate for trial in dataset.trials)
     bands = compared_band(slowest), min(60.0, 0.4 * slowest)  # torques, angles [Hz]
     impulse = np.zeros(4001)
@@ -338,10 +339,11 @@ def _record(
 
 
 def play_filter(angle: FloatArray, width: float) -> FloatArray:
-    """Return the angle without movements smaller than `width` (samples,) [rad].
+    """Return the angle (samples,) without movements smaller than `width` [rad].
 
-    It is followed with this play forwards and backwards, whose mean has no lag and
-    stands still by noise; at a turn the play is added back, as friction answers there.
+    An angle that follows it with play is taken forwards and backwards in time; their
+    mean has no lag and is constant under noise. At a turn the play is added back, as
+    friction responds to the true turn.
     """
     if width == 0.0:
         return angle
@@ -364,7 +366,7 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
 
 
 def wind_up_angle(bench: Bench) -> float:
-    """Return the motor rotation that winds up the cable against friction [rad]."""
+    """Return the motor angle that winds up the whole cable against friction [rad]."""
     cable = bench.cables[0]
     # Beyond 100 no motion carries the whole cable along.
     a = min(max(cable.friction * cable.wrap, 1e-6), 100.0)
@@ -394,7 +396,7 @@ class Setting(NamedTuple):
         return self.joint_radius / self.motor_radius * self.turned(joint)
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return the pulley angle that takes as much cable as the joint (samples,)."""
+        """Return the pulley angle that winds as much cable as the joint (samples,)."""
         return joint if self.profile is None else self.profile.turned(joint)
 
 
@@ -409,7 +411,7 @@ class Played(NamedTuple):
 
 
 def agonist_less_antagonist(tension: FloatArray) -> FloatArray:
-    """Return the pull of ends (cables, samples) on a pulley (samples,) [N]."""
+    """Return the net pull (samples,) of cable ends (cables, samples) [N]."""
     return np.array([1.0, -1.0])[: len(tension)] @ tension
 
 
@@ -474,7 +476,8 @@ def replay(record: Record, setting: Setting) -> Played:
 def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) -> Driven:
     """Replay both angles through cables on a drum whose radius changes.
 
-    Each cable is played by a round pulley that winds as much, so both are played twice.
+    A round pulley that winds the same length of cable replaces the drum. Its angle
+    differs for each cable, so both are replayed twice.
     """
     if setting.backlash or any(c.eccentricity or c.ovality for c in setting.cables):
         raise CableError(
@@ -508,10 +511,11 @@ def with_lead_in(
     following: Callable[[FloatArray], FloatArray],
     substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return both angles (samples,) after a lead-in, refined to `substeps` per sample.
+    """Return both angles (samples,), interpolated and with a lead-in before.
 
-    From the pose 0 in pretension it takes both ends to where the joint is, then the
-    motor to its place; `following` is the motor angle that keeps the cables' length.
+    There are `substeps` per sample. From the pose 0 in pretension the lead-in takes
+    both ends to the joint's first angle, then the motor to its own; `following` is the
+    motor angle that keeps the cables' length.
     """
     count = Limit.ramp_samples
     there = np.linspace(0.0, 1.0, count + 1) * joint[0]
@@ -528,7 +532,7 @@ def with_lead_in(
 
 
 def shift_signal(signal: FloatArray, samples: float) -> FloatArray:
-    """Return the signal advanced by `samples`, with linear interpolation (samples,)."""
+    """Return the signal (samples,) advanced by `samples`, linearly interpolated."""
     if samples == 0.0:
         return signal
     x = np.arange(signal.size)

@@ -7,9 +7,9 @@ logarithm, the difference from it elsewhere. So the interval of a change does no
 contain the error that both occasions have in common.
 
 A load cell on the cable does not measure effects behind it, a known load has no sensor
-that could be off, and without an instrument of a torque none of its effects can be
-seen. Effects that are left out are reported with the instrument that would show them.
-Facts of the rig remove or bound others.
+with errors, and a torque without an instrument shows none of its effects. Effects left
+out for that are reported with the instrument that would show them. Declared facts of
+the rig exclude or bound others.
 """
 
 from __future__ import annotations
@@ -65,17 +65,17 @@ _LARGEST = {p.name: p.high for p in PARAMETERS if p.name in _CHANGE_DEVIATIONS}
 
 
 def change_name(name: str, occasion: str) -> str:
-    """Return the name of the change of a parameter between an occasion and the last."""
+    """Return the name of the fit's parameter for a change since an occasion."""
     return f"{name}@{occasion}"
 
 
 def base_name(name: str) -> str:
-    """Return the name of the parameter that changes; any other name as it is."""
+    """Return the parameter's name without the occasion of a change."""
     return name.partition("@")[0]
 
 
 def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
-    """Return the occasions in order of their first trials."""
+    """Return the occasions, in the order of their first trials."""
     return tuple(dict.fromkeys(record.occasion for record in records))
 
 
@@ -96,7 +96,7 @@ def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]
 def change_parameters(
     baseline: Sequence[Tuned], records: Sequence[Record], bench: Bench
 ) -> list[Tuned]:
-    """Return the changes from the one `baseline` for each occasion but the last."""
+    """Return a parameter for each change of `baseline` since an earlier occasion."""
     *earlier, last = occasions_of(records)
     found = []
     for occasion in earlier:
@@ -144,7 +144,7 @@ class Library(NamedTuple):
 
 
 def available_effects(plant: SimulatedRig) -> Library:
-    """Return the effects that a rig can show, with their parameters there."""
+    """Return the effects that the rig can show, with the parameters it can show."""
     bench, constants = plant.bench, plant.constants
     columns = [set(record.columns) for record in plant.records]
     recorded = set.intersection(*columns) if columns else set()
@@ -207,7 +207,7 @@ def available_effects(plant: SimulatedRig) -> Library:
 def _with_parameters(
     effect: terms.Effect, kept: tuple[terms.EffectParameter, ...], plant: SimulatedRig
 ) -> terms.Effect:
-    """Return an effect with these parameters, in the forms that the rig may have."""
+    """Return an effect with the `kept` parameters, in forms that the rig may have."""
     key = terms.form_key(effect.id)
     forms, starts = effect.forms, effect.starts
     one_exit = len(plant.bench.cables) == 1 or "exit_angle" in plant.constants
@@ -221,7 +221,7 @@ def _with_parameters(
 
 
 def _path_exclusion(effect: terms.Effect, bench: Bench) -> str:
-    """Return why a cable that the joint moves cannot have an effect; "" if it can."""
+    """Return the reason why cables guided by tendons lack an effect; "" if they may."""
     if bench.led and (effect.joint_arm is not None or effect.motor_arm is not None):
         return "a path that the joint moves is played with the arms of the scene"
     if bench.led == "open" and effect.id == "clamp_creep":
@@ -370,7 +370,7 @@ def baseline_parameters(
 def _known(
     name: str, value: float, deviation: float, low: float = -10.0, high: float = 10.0
 ) -> Tuned:
-    """Return a parameter that is known to a standard deviation, its scale."""
+    """Return a fit parameter with a prior of this standard deviation, its scale."""
     return Tuned(BASELINE[name], value, deviation, low, high, 1.0)
 
 
@@ -440,7 +440,7 @@ class SimulatedRig:
 
     @staticmethod
     def conditions_of(record: Record, effects: Sequence[str]) -> terms.TrialConditions:
-        """Return the conditions of a trial; usual ones if no effect uses them."""
+        """Return the conditions of a trial; the usual ones if no effect uses them."""
         by_trial = any(EFFECTS[name].by_trial for name in effects)
         return record.conditions if by_trial else terms.USUAL_CONDITIONS
 
@@ -463,7 +463,7 @@ class SimulatedRig:
         pretension: float | None = None,
         conditions: terms.TrialConditions = terms.USUAL_CONDITIONS,
     ) -> Setting:
-        """Return the replay setting of the cables for these values, see `cables`."""
+        """Return the parameters of a replay for these values, see `cables`."""
         radii, whole = self.radii(values), {**self._absent, **values}
         acting, lever = [EFFECTS[name] for name in effects], self.bench.lever
         arm = _moment_arm((e.joint_arm for e in acting), whole, self.bench.arm)
@@ -487,7 +487,10 @@ class SimulatedRig:
         pretension: float | None = None,
         conditions: terms.TrialConditions = terms.USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
-        """Return the cables, which keep their ratios, at a trial's pretension [N]."""
+        """Return the cables of a trial at its pretension [N], changed by the effects.
+
+        Ratios between the cables of the scene are kept.
+        """
         first = self.bench.cables[0]
         tension = values.get("pretension", first.pretension)
         if pretension is not None and first.pretension > 0.0:
@@ -545,9 +548,9 @@ class SimulatedRig:
     def _torques(
         self, record: Record, setting: Setting, values: Values
     ) -> terms.Signals:
-        """Return both torques before any effect outside the cables.
+        """Return the signals of a record, before the effects outside the cables.
 
-        Readings were converted by declared values, relative to which tuned ones act.
+        Readings were converted by declared constants; tuned ones act relative to these.
         """
         played = cached_replay(record, setting)
         joint_angle, motor, joint = played.joint_angle, played.motor, played.joint
@@ -621,7 +624,7 @@ def _moment_arm(
     values: Values,
     known: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
-    """Return the sum of the coefficients of a `MomentArm`, () where it stays."""
+    """Return the coefficients of a `MomentArm`, all changes added; () if all are 0."""
     found = [change(values) for change in changes if change is not None]
     rows = zip_longest(*found, known, fillvalue=0.0)
     total = tuple(float(sum(row)) for row in rows)
@@ -629,7 +632,7 @@ def _moment_arm(
 
 
 def _swap_sensors(values: Values) -> dict[str, float]:
-    """Return values by which each torque is read by the other torque's sensor."""
+    """Return values for a trial in which the two torque sensors were exchanged."""
     motor, joint = "motor_torque_", "joint_torque_"
     others = {motor: joint, joint: motor}
     swapped = {}
@@ -642,7 +645,7 @@ def _swap_sensors(values: Values) -> dict[str, float]:
 def plausible_range(
     parameter: terms.EffectParameter, plant: SimulatedRig
 ) -> tuple[float, float]:
-    """Return the range of a parameter of an effect that is possible on a rig."""
+    """Return the range of an effect's parameter that is plausible on a rig."""
     (low, high), records = parameter.plausible, plant.records
     if not parameter.of:
         return low, high

@@ -46,7 +46,7 @@ from cc_mujoco.native import FloatArray
 
 
 class Measured(NamedTuple):
-    """Readings of the sensors of a rig at one instant."""
+    """Readings of the four channels of a rig at one instant."""
 
     motor_angle: float  # [rad]
     motor_torque: float  # that the motor puts into its pulley [N m]
@@ -60,9 +60,9 @@ _SIDES = ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint"))
 
 
 def read_channels(model: MjModel, data: MjData) -> Measured:
-    """Return the four channels at the last evaluation of the sensors.
+    """Return the four channels as of the last evaluation of the sensors.
 
-    After `mj_step` that is the configuration at which the step began.
+    After `mj_step` that is the state at which the step began.
 
     Raises:
         CableError: the scene has no instruments.
@@ -74,7 +74,7 @@ def read_channels(model: MjModel, data: MjData) -> Measured:
 
 
 def torque_weights(model: MjModel) -> FloatArray:
-    """Return the motor and joint torque as sums of sensor data (2, sensordata)."""
+    """Return weights (2, sensordata) whose products with it are the torques [N m]."""
     weights = np.zeros((len(TORQUES), model.nsensordata))
     for row, channel in enumerate(TORQUES):
         index = _index(model, mjtObj.mjOBJ_TUPLE, channel, "tuple")
@@ -93,7 +93,7 @@ def angle_sensors(model: MjModel) -> tuple[int, int]:
 
 
 def add_instruments(spec: MjSpec, bench: Bench) -> None:
-    """Add sensors of the four channels to a scene, except existing ones."""
+    """Add sensors of the four channels to a scene, unless it has them."""
     if bench.lever is not None:
         raise CableError(
             f"scene {bench.path}: cable {bench.names[0]} pulls a lever, whose torque "
@@ -120,7 +120,7 @@ def add_instruments(spec: MjSpec, bench: Bench) -> None:
 
 
 def force_sensor(spec: MjSpec, actuator: str) -> str:
-    """Return the plain sensor of an actuator's force, added if missing."""
+    """Return the name of an actuator's force sensor without delay, added if missing."""
     for sensor in spec.sensors:
         plain = sensor.delay == 0.0 and sensor.nsample == 0 and sensor.cutoff == 0.0
         usable = sensor.name and sensor.name == sensor_word(sensor.name)
@@ -159,12 +159,12 @@ def set_torque_parts(spec: MjSpec, channel: str, wanted: list[SensorShare]) -> N
 
 
 def add_torque_part(spec: MjSpec, channel: str, sensor: str, weight: float) -> None:
-    """Add a sensor to the sum of a torque, as `torque_parts` has it."""
+    """Add a sensor, times a weight, to the sum that is the torque of a channel."""
     set_torque_parts(spec, channel, [*torque_parts(spec, channel), (sensor, weight)])
 
 
 def _ends(spec: MjSpec, cable: str) -> tuple[str, str]:
-    """Return the names of the actuators at a cable's ends, added if missing."""
+    """Return the names of both actuators at a cable's ends; name those without."""
     proximal, distal = (
         actuator
         for actuator in spec.actuators
@@ -201,7 +201,7 @@ CLOCK_SENSOR, UNIT_SENSOR = "instrument_clock", "instrument_one"
 
 
 def angle_offset(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Shift the joint: cables rest where motor and joint plus offset agree."""
+    """Shift the reference of the joint by the offset between joint and motor angle."""
     sign = 1.0 if bench.lever is None else bench.lever.sign
     offset = sign * values["joint_angle_offset"]
     # A specification keeps the unit of its file.
@@ -239,7 +239,7 @@ def bias(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Delay readings; for one that comes early, delay everything else."""
+    """Delay sensors; if one reading comes early, delay all others instead."""
     side = values["joint_delay"]
     motor, joint = values["motor_torque_delay"], values["joint_torque_delay"]
     late = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
@@ -263,7 +263,7 @@ def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def add_constant(spec: MjSpec, channel: str, value: float) -> None:
-    """Add a constant to a channel [N m]: the z of the world's own z axis is 1."""
+    """Add a constant to a channel [N m], by a sensor that always shows 1."""
     if value != 0.0:
         axis = {"objtype": mjtObj.mjOBJ_XBODY, "objname": "world"}
         _ensure_sensor(spec, UNIT_SENSOR, mjtSensor.mjSENS_FRAMEZAXIS, **axis)
@@ -290,7 +290,7 @@ GRAVITY_ACTUATOR = "joint_gravity"
 
 
 def rim_stiffness(bench: Bench, radius: float) -> float:
-    """Return the stiffness of all cables' stiffer ends about a pulley [N m/rad]."""
+    """Return the sum of the cables' larger end stiffnesses about a pulley [N m/rad]."""
     return sum(max(end_stiffness(cable)) for cable in bench.cables) * radius**2
 
 
@@ -333,7 +333,7 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def _keep_keyframes(spec: MjSpec, before: MjModel, joint: str, pulley: str) -> None:
-    """Keep keyframes, with a new pulley at its joint; MuJoCo appends zeros."""
+    """Insert the new pulley's state, that of its joint, into all keyframes."""
     after = spec.compile()
     old, new = before.joint(joint), after.joint(pulley)
     keys = zip(spec.keys, before.key_qpos, before.key_qvel, strict=True)
@@ -343,7 +343,7 @@ def _keep_keyframes(spec: MjSpec, before: MjModel, joint: str, pulley: str) -> N
 
 
 def cogging(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add a torque that loads the motor: cosine cos(order q) + sine sin(order q)."""
+    """Load the motor by a torque: cosine cos(order q) + sine sin(order q) [N m]."""
     order = values["cogging_order"]
     cosine, sine = values["cogging_cosine"], values["cogging_sine"]
     if cosine == sine == 0.0:
@@ -354,7 +354,7 @@ def cogging(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add a torque that opposes the joint: sine sin(q) + cosine cos(q)."""
+    """Add a torque that opposes the joint: sine sin(q) + cosine cos(q) [N m]."""
     cosine, sine = values["gravity_cosine"], values["gravity_sine"]
     if bench.lever is not None:
         cosine *= bench.lever.sign  # angle and torque are both turned round
@@ -364,7 +364,7 @@ def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def tilt_rig(model: MjModel, tilt: float) -> None:
-    """Tilt a rig about its joint's axis by an angle [rad], which shifts its weight."""
+    """Turn gravity about the joint's axis, as if the rig was tilted by `tilt` [rad]."""
     number = mujoco.mj_name2id(model, mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
         model.actuator_biasprm[number, 2] += tilt  # phase of the ripple
@@ -373,7 +373,7 @@ def tilt_rig(model: MjModel, tilt: float) -> None:
 def _add_periodic_torque(
     spec: MjSpec, name: str, joint: str, order: float, sine: float, cosine: float
 ) -> None:
-    """Add the torque sine sin(order q) + cosine cos(order q) as cogging of a motor."""
+    """Add an actuator with the torque sine sin(order q) + cosine cos(order q)."""
     actuator = spec.add_actuator(name=name)
     actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
     actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
@@ -385,7 +385,7 @@ def _add_periodic_torque(
 
 
 def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add a spring to the joint, combined with its present spring in parallel."""
+    """Add a spring to the joint, in parallel with the spring it has."""
     added, moment = values["joint_stiffness"], values["joint_stiffness_moment"]
     sign = 1.0 if bench.lever is None else bench.lever.sign
     joint = spec.joint(bench.joint)
@@ -413,7 +413,7 @@ def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def inertia(side: Literal["motor", "joint"]) -> Realise:
-    """Return the addition of an inertia between the sensor of a side and its pulley."""
+    """Return a function that adds inertia between a side's sensor and its pulley."""
     channel, sign = (MOTOR_TORQUE, 1.0) if side == "motor" else (JOINT_TORQUE, -1.0)
 
     def add(spec: MjSpec, bench: Bench, values: Values) -> None:
@@ -522,7 +522,7 @@ REALISATIONS: dict[str, _Realisation] = {
 
 
 def realisations() -> dict[str, _Realisation]:
-    """Return the table with effects that edit the scene, mechanics before sensors."""
+    """Return the table of effects that edit the scene, mechanics before sensors."""
     whole = dict(REALISATIONS)
     for effect in EFFECTS.values():
         if effect.edit_spec is not None:
@@ -539,7 +539,7 @@ def is_realisable(bench: Bench, name: str) -> bool:
 
 
 def unrealisable_reason(bench: Bench, name: str) -> str:
-    """Return why a scene cannot realise an effect; empty if it can."""
+    """Return the reason why a scene cannot have an effect; "" if it can."""
     realisation, effect = realisations().get(name), EFFECTS.get(name)
     if realisation is not None:
         if bench.lever is not None and realisation.pulley:

@@ -7,8 +7,8 @@
 The given cables contain the changes by effects; everything else is realised by
 `realisation`. The file loads wherever `cc_mujoco` is imported; a comment at its top
 names effects and values. In a rollout both joints follow the given angles, whatever
-acts on them; MuJoCo simulates cables, actuators, tendons and sensors. So it shows of a
-written scene what a replay shows of its model.
+acts on them; MuJoCo simulates cables, actuators, tendons and sensors. So a rollout of
+the written scene can be compared with a replay of the fitted model.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ def repair_scene(
     effects: Mapping[str, Values],
     left_out: Mapping[str, Values] | None = None,
 ) -> MjSpec:
-    """Return the scene of a bench with its radii as gears, other cables and effects.
+    """Return the scene of a bench with its radii as gears, new cables and effects.
 
-    The cables have already what effects change in them. Effects are parameters by id;
-    those in the cables, and `left_out`, which the scene cannot have, are only named in
-    the comment of the file.
+    `effects` are parameters by id. `cables` already contain the effects that act in
+    them. These, and `left_out`, which the scene cannot have, are only named in the
+    comment of the file.
 
     Raises:
         CableError: another number of cables, a value that is missing, unknown or not
@@ -111,7 +111,7 @@ def repair_scene(
 
 
 def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return effects outside the cables that a scene has from an earlier diagnosis."""
+    """Return the effects outside the cables that an earlier diagnosis has added."""
     named = re.findall(r"^ {4}(\w+): ", read_spec(scene).comment, re.MULTILINE)
     able = realisation.REALISATIONS
     keyed = {n for n, e in EFFECTS.items() if n not in able and e.edit_spec is None}
@@ -135,7 +135,7 @@ def write(path: str | os.PathLike[str], spec: MjSpec) -> None:
 
 
 def _text(spec: MjSpec) -> str:
-    """Return the MJCF of a compiled scene that loads from any folder."""
+    """Return the MJCF of a compiled scene, with paths that load from any folder."""
     origin = Path(spec.modelfiledir).absolute()
     before = spec.meshdir, spec.texturedir
     if any(asset.file for asset in [*spec.meshes, *spec.hfields, *spec.skins]):
@@ -149,7 +149,7 @@ def _text(spec: MjSpec) -> str:
 
 
 def _largest_step(spec: MjSpec, bench: Bench) -> float:
-    """Return half of the time step that makes the cables' ends unstable [s]."""
+    """Return half the time step at which the cables' ends become unstable [s]."""
     model = spec.compile()
     if bench.tied:  # its pieces are the springs
         found = step_limits(model, MjData(model))
@@ -191,7 +191,7 @@ def _comment(
 
 
 def require_repairable(bench: Bench) -> None:
-    """Require that a scene can have any effect, or say what to change in it."""
+    """Require that the scene can be repaired, or say what to change in it."""
     spec = MjSpec.from_file(str(bench.path))
     _check_settings(spec, bench)
     typical = {p.name: p.typical for e in EFFECTS.values() for p in e.parameters}
@@ -242,7 +242,7 @@ def _check_settings(spec: MjSpec, bench: Bench) -> None:
 
 
 def _rehearse_motion(scene: MjSpec | Path, step: float, bench: Bench) -> None:
-    """Play a short motion through the scene and through its cables alone."""
+    """Require that MuJoCo gives the torques of the cables alone in a short motion."""
     count = min(max(round(0.3 / step), 200), 5000)
     phase = np.linspace(0.0, 4.0 * math.pi, count)
     low, high = bench.span
@@ -351,7 +351,7 @@ def rollout(
 
 
 class _Sensors:
-    """Readings of the instruments of a scene."""
+    """Sensors of a scene that show the torques of motor and joint."""
 
     def __init__(self, model: MjModel) -> None:
         sensors = realisation.angle_sensors(model)
@@ -368,7 +368,7 @@ class _Sensors:
 
 
 class _Forces(_Sensors):
-    """Pull of a cable's ends and open pieces on motor and lever, without sensors."""
+    """Torques on motor and lever from the cable's forces, without sensors."""
 
     def __init__(self, model: MjModel, bench: Bench) -> None:
         assert bench.lever is not None
@@ -403,7 +403,10 @@ def _play(
     angles: FloatArray,
     more: int,
 ) -> FloatArray:
-    """Return torques (2, samples + more), with the last angles held at the end."""
+    """Return the torques (2, samples + more) along `angles` (joints, samples) [N m].
+
+    The last angles are held for `more` samples, as sensors may be late.
+    """
     model.opt.timestep = dt / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     joints = list(view.joints)
@@ -445,7 +448,7 @@ def _play(
 
 
 def _laid(model: MjModel, view: _Sensors, angles: FloatArray, start: float) -> MjData:
-    """Set the joints to these angles, cables in pretension, sensors settled."""
+    """Return data with the joints at these angles [rad] and cables in pretension."""
     motor, joint = view.joints[:2]
     cables = list(instances(model).values())
     ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
@@ -477,7 +480,7 @@ def _laid(model: MjModel, view: _Sensors, angles: FloatArray, start: float) -> M
 
 
 def _fill_sensor_history(model: MjModel, data: MjData) -> None:
-    """Fill the memory of delayed sensors with their present readings."""
+    """Fill the history of delayed sensors with their present readings."""
     delay, model.sensor_delay[:] = model.sensor_delay.copy(), 0.0
     mujoco.mj_forward(model, data)
     model.sensor_delay[:] = delay
@@ -492,7 +495,7 @@ def _fill_sensor_history(model: MjModel, data: MjData) -> None:
 def _other_angles(
     model: MjModel, bench: Bench | None, given: Mapping[str, ArrayLike], samples: int
 ) -> dict[str, FloatArray]:
-    """Return the angles (samples,) of other joints that move the cables [rad]."""
+    """Return the angles (samples,) [rad] of other joints that move the cables."""
     names = () if bench is None else bench.others
     if unknown := [name for name in given if name not in names]:
         raise CableError.unknown("joint that moves the cables", unknown[0], names)
@@ -526,7 +529,8 @@ def _instrumented_model(
 ) -> tuple[MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    A lever cannot have them: then the scene without other axes' cables, and its bench.
+    A scene with a lever has no instruments: return it without the cables of other axes,
+    and its bench, else None.
     """
     if isinstance(scene, MjSpec):
         return scene.copy().compile(), None
@@ -551,7 +555,7 @@ def _instrumented_model(
 def _motion(
     time: ArrayLike, motor_angle: ArrayLike, joint_angle: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the time (samples,) and both angles (2, samples), checked."""
+    """Return the time (samples,) [s] and both angles (2, samples) [rad], checked."""
     given = time, motor_angle, joint_angle
     clock, motor, joint = (np.asarray(each, dtype=np.float64) for each in given)
     if clock.ndim != 1 or not clock.shape == motor.shape == joint.shape:

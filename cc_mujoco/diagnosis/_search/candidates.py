@@ -1,10 +1,10 @@
 """Effects that could explain the error: screening, acceptance and ties.
 
-The signature of an effect, its change of the simulated torques less the part that the
-free parameters could make as well (the score test of its presence), costs a simulation
-or two. It shows how much of the error an effect could explain, whether these data could
-show it at all, and which effects are confounded. `concepts.md` has the odds of two
-models, the rule of acceptance and that of ties.
+The signature of an effect is its change of the simulated torques, less the part that
+the free parameters could make as well (the score test of its presence). It costs a
+simulation or two, and shows how much of the error an effect could explain, whether the
+data could show it at all, and which effects are confounded. `concepts.md` has the odds
+of two models, and the rules of acceptance and of ties.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _Key = tuple[str, tuple[float, ...], str]
 
 
 class Signature(NamedTuple):
-    """Contribution that one start of one effect could make to the error."""
+    """Estimated contribution of one effect, from one start, to the error."""
 
     id: str  # of the effect
     start: dict[str, float]  # where it would explain most, amplitudes solved for
@@ -46,7 +46,7 @@ class Signature(NamedTuple):
 
 
 class Changes:
-    """Torque changes due to effects, by record, while its torque hardly changes."""
+    """Cache of torque changes due to effects, by record and simulated torque."""
 
     def __init__(self) -> None:
         # By record the torques (2, samples) of models [N m], and by effect, start and
@@ -54,7 +54,7 @@ class Changes:
         self._kept: dict[Record, list[tuple[FloatArray, dict[_Key, FloatArray]]]] = {}
 
     def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
-        """Return the changes that hold at a torque; the caller adds to them."""
+        """Return the changes cached for about this `torque`, to be extended."""
         kept = self._kept.setdefault(record, [])
         off = [float(np.sum((torque - known) ** 2)) for known, _ in kept]
         least = int(np.argmin(off)) if off else -1
@@ -67,7 +67,10 @@ class Changes:
 
 
 class _Place:
-    """Fitted model to which effects can be added, without error if `explained`."""
+    """Fitted model to which effects are added to first order.
+
+    If `explained`, residuals are taken as small, where Huber's loss is quadratic.
+    """
 
     def __init__(
         self,
@@ -91,7 +94,7 @@ class _Place:
         ]
 
     def start(self, name: str, number: int) -> dict[str, float]:
-        """Return a start of an effect, with the shape that the cables have already.
+        """Return start `number` of an effect, with the shape the cables have.
 
         Two effects may share a length of slip, which a small effect must not change.
         """
@@ -111,7 +114,7 @@ class _Place:
         return start
 
     def columns(self, name: str, number: int) -> FloatArray | None:
-        """Return changes (residuals, amplitudes), None if not to be simulated."""
+        """Return changes (residuals, amplitudes); None if simulation is impossible."""
         effect = self.problem.plant.library.effects[name]
         start = self.start(name, number)
         wider = self.problem.coarse.with_effect(name, start)
@@ -166,7 +169,6 @@ class _Screen(_Place):
         priors = np.zeros(error.size - samples, dtype=bool)
 
         def residuals(part: Masks, of_priors: NDArray[np.bool_]) -> NDArray[np.bool_]:
-            """Return the residuals of part of the samples, among those of all."""
             pairs = zip(part, masks, strict=True)
             own = [np.tile(some[mask], rows) for some, mask in pairs]
             return np.concatenate([*own, of_priors])
@@ -177,7 +179,7 @@ class _Screen(_Place):
         self._before = self._left(scaled[:, :0])
 
     def signature(self, name: str, number: int) -> Signature | None:
-        """Return the signature of a start of an effect; None if not to be simulated."""
+        """Return the signature of start `number`; None if it cannot be simulated."""
         changes = self.columns(name, number)
         if changes is None:
             return None
@@ -220,7 +222,7 @@ class _Screen(_Place):
         return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
 
     def _left(self, changes: FloatArray) -> float:
-        """Predict the held-out squared error with changes (rows, k) added."""
+        """Return the held-out squared error if `changes` (rows, k) are fitted, too."""
         total = 0.0
         for half, known in zip(self._halves, self._parts, strict=True):
             (train, error), (test, unseen) = known
@@ -243,10 +245,10 @@ def screen(
     changes: Changes | None = None,
     starts: int | None = None,
 ) -> list[Signature]:
-    """Return the signatures of effects, the most helpful first; the best start of each.
+    """Return the signature of each effect at its best start, most helpful first.
 
-    Without a division of the samples into folds nothing is foreseen. `starts` is the
-    most of every effect (default all), `changes` the cache of earlier rounds.
+    Without a `division` into folds the held-out gain is 0. `starts` is the largest
+    number of starts per effect (default all), `changes` the cache of earlier rounds.
     """
     given = _Screen(problem, x, masks, changes or Changes(), division)
     library = problem.plant.library.effects
@@ -262,17 +264,17 @@ def screen(
 
 
 def effect_amplitudes(effect: Effect) -> list[EffectParameter]:
-    """Return the sizes of an effect, without shape and companion parameters."""
+    """Return the sizes of an effect, not its shape and companion parameters."""
     return [parameter for parameter in effect.parameters if parameter.size]
 
 
 def changes_by_effects(
     problem: Problem, x: FloatArray, masks: Masks, ids: Sequence[str], changes: Changes
 ) -> dict[str, FloatArray]:
-    """Return the changes of the residuals (residuals, amplitudes) by each effect.
+    """Return the changes of the residuals (residuals, amplitudes) by effect.
 
     They are those of typical sizes, at the first start, as if the model explained the
-    data; effects that cannot be simulated are left out.
+    data. Effects that cannot be simulated are left out.
     """
     place = _Place(problem, x, masks, changes, explained=True)
     library = problem.plant.library.effects
@@ -325,10 +327,10 @@ class Round(NamedTuple):
     parted: tuple[str, ...] = ()  # rivals that still helped when it had been added
 
     def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
-        """Return tied ids, that of the model first; empty without it.
+        """Return the tied ids, that of the model first; () if the model has none.
 
-        A rival that still helped was added, too, and is not tied; but of two that were
-        added and one of which was removed again, either may be the one that stayed.
+        A rival that still helped was added, too, and is not tied. But if two were added
+        and one was removed again, either may be the one that acts.
         """
         both = [name for name in added if name in (self.added, *self.parted)]
         kept = [name for name in both if name in effects]
@@ -339,10 +341,12 @@ class Round(NamedTuple):
 def comparison_z(
     better: FloatArray, worse: FloatArray, before: float, share: float | None = None
 ) -> float:
-    """Return z of the difference of two models, by squared errors in blocks (blocks,).
+    """Return z of the difference of two models, by squared errors in blocks.
 
-    `better` has the smaller sum, `before` is the squared error without either. The
-    discrepancy is `share` over `before`; by default c, at most the rest of the better.
+    `better` (blocks,) has the smaller sum, `before` is the squared error without
+    either. Noise and a form error make the standard deviation. The form error is
+    `share` times `before`; by default the usual share, at most the rest of the better
+    model.
     """
     difference = worse - better
     noise = fitting.block_sum_deviation(difference)
@@ -386,7 +390,10 @@ def rejection_reason(crossed: CrossValidation, name: str, gain: float, z: float)
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
-    """Return the round that adds the best acceptable candidate; sorts `candidates`."""
+    """Return the round that adds the best acceptable candidate.
+
+    It sorts `candidates` by their reduction of the error.
+    """
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:
@@ -421,10 +428,10 @@ def tie_reason(
     names: tuple[str, str],
     confused: bool,
 ) -> Literal["", "noise", "form"]:
-    """Return why two effects are tied; "" if the data distinguish them.
+    """Return "noise" or "form" if two effects are tied, "" if they are not.
 
-    They do where one effect explains them and the other does not, even if few moments
-    show it, unless the forms of both meet.
+    They are not if one explains the data and the other does not, even if few moments
+    show it, unless one takes the form of the other on some rigs.
     """
     one, two = (EFFECTS[name] for name in names)
     far = other.misfit > Limit.max_explained_error and not one.forms_meet(two)
@@ -440,9 +447,10 @@ def tie_reason(
 def parted_by_form(
     now: CrossValidation, best: CrossValidation, other: CrossValidation
 ) -> bool:
-    """Decide whether two effects differ by no more than forms do, in every trial.
+    """Return whether two effects differ by no more than errors of form.
 
-    Such a difference may be significant: a spring may soften, and pull like a weight.
+    This holds if it does in every trial. Such a difference may be significant: a spring
+    may soften, and pull like a weight.
     """
     sums: dict[str, FloatArray] = {}
     for place, record in enumerate(now.problem.plant.records):
@@ -456,7 +464,10 @@ def parted_by_form(
 
 
 def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
-    """Return the share of block bootstraps in which this candidate is the best."""
+    """Return the share of block bootstraps in which `name` has the least error.
+
+    `sums` has squared errors (blocks,) by candidate.
+    """
     random = np.random.default_rng(seed)
     table = np.array(list(sums.values()))
     place = list(sums).index(name)

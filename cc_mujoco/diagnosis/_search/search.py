@@ -2,10 +2,10 @@
 
 Effects are added one after another, by their gain on held-out data.
 
-Where a model stays far from the noise whatever is added, every part of the data rewards
-effects that mend its own form errors, and resampling samples does not show it: the
-error is the same at every repetition. So the search is repeated on parts that differ in
-load, speed or pose, and an effect that only some of them name is not accepted.
+Where every model stays far from the noise, every part of the data rewards effects that
+compensate the model's own form errors. Bootstraps do not show it, as the error is the
+same at every repetition. So the search is repeated on parts that differ in load, speed
+or pose, and an effect that only some parts name is not accepted.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ from cc_mujoco.native import FloatArray
 def gap_shares(
     baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
-    """Return the share of the gap that reopens without each effect; extend `known`."""
+    """Return the share of explained error that returns without each effect.
+
+    The models fitted for it are appended to `known`.
+    """
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
@@ -53,7 +56,10 @@ def gap_shares(
 
 
 def eliminate(now: CrossValidation, known: list[CrossValidation]) -> CrossValidation:
-    """Remove the effects that later ones have made redundant; extend `known`."""
+    """Return the model without effects that later ones have made redundant.
+
+    The models fitted for it are appended to `known`.
+    """
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
         earlier = now.problem.effects[:-1]
@@ -97,7 +103,7 @@ class Search(NamedTuple):
 
 
 def drop_redundant(course: Search) -> Search:
-    """Return the search without redundant effects, if it was not interrupted."""
+    """Return the search without redundant effects, unless it was interrupted."""
     known = list(course.known)
     shares: Mapping[str, float] = {}
     now, interrupted = course.after, course.interrupted
@@ -122,8 +128,8 @@ def search(
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
-    An interrupted search ends with the effects added until then; `rare` ones compete
-    where an effect of `ids` is accepted that they resemble.
+    An interrupted search ends with the effects added until then. A `rare` effect
+    competes where an effect of `ids` that it resembles is accepted.
     """
     return drop_redundant(_Additions(progress).made(baseline, ids, rare))
 
@@ -131,7 +137,10 @@ def search(
 def names_found(
     baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
-    """Return what a search in part of the data finds, each effect with its ties."""
+    """Return the effects, each with its ties, found in a part of the data.
+
+    `whole` is the search in all data.
+    """
     course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
@@ -208,7 +217,7 @@ class _Additions:
     def screened(
         self, now: CrossValidation, ids: Sequence[str], changes: Changes
     ) -> list[Signature]:
-        """Return the signatures on the divided data, at the mean of the folds' fits."""
+        """Return the signatures on top of `now`, at the mean of the folds' fits."""
         masks = fitting.divided_samples(now.division)
         return screening.screen(now.problem, now.x, masks, ids, now.division, changes)
 
@@ -239,10 +248,10 @@ class _Additions:
         return candidates
 
     def _best_form(self, now: CrossValidation, signature: Signature) -> Candidate:
-        """Return the effect refitted in the form that does best on held-out data.
+        """Return the effect, refitted in the form that does best on held-out data.
 
-        Other forms are tried where the first is accepted, and other sizes to start with
-        where that leaves an error: far from the truth those of first order may mislead.
+        Other forms are tried if the first is accepted; other initial sizes if it leaves
+        an error, as those estimated to first order may mislead far from the truth.
         """
 
         def refitted(start: dict[str, float]) -> Candidate:
@@ -269,7 +278,7 @@ class _Additions:
         return best
 
     def _like(self, now: CrossValidation, name: str) -> Candidate | None:
-        """Return the effect refitted from its place in a model of all data, if any."""
+        """Return the effect refitted from its fit to all data; None without one."""
         for model in self.whole.known if self.whole else ():
             known = model.problem
             if known.effects != (*now.problem.effects, name):
@@ -281,7 +290,7 @@ class _Additions:
         return None
 
     def _refit(self, now: CrossValidation, wider: Problem, starts: Arrays) -> Candidate:
-        """Return the last effect of a wider model, refitted."""
+        """Return the last effect of the model `wider` as a refitted candidate."""
         name = wider.effects[-1]
         try:
             crossed = fitting.cross_validate(wider, now.division, starts)
@@ -313,7 +322,7 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
 def search_rare(
     found: Search, rare: Sequence[str], progress: Progress = no_progress
 ) -> Search:
-    """Return the search repeated with rare effects, where others explain too little."""
+    """Return the search with rare effects, if the usual ones explain too little."""
     explained = found.after.misfit <= Limit.max_explained_error
     if not rare or found.interrupted or explained:
         return found
@@ -334,10 +343,11 @@ def search_rare(
 def with_own_noise_floor(
     crossed: CrossValidation, whole: Search | None = None
 ) -> CrossValidation:
-    """Return the model by its own floor and weight, simulated finely enough for it.
+    """Return the model with the floor and weight of its own errors.
 
-    By the floor of a much worse model the priors outweigh the data, so it is taken anew
-    while a refit halves it; or from the `whole` search, if that has the same model.
+    It is simulated finely enough for them. With the floor of a much worse model, priors
+    would outweigh the data. The floor is updated while each refit halves it, or taken
+    from the `whole` search, if that has the same model.
     """
     division = crossed.division
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
@@ -369,7 +379,7 @@ def with_own_noise_floor(
 
 
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
-    """Return the rounds without rivals that still help once the leader is added."""
+    """Return the rounds without rivals that help beside the added effect."""
     found = []
     for step, after in zip_longest(rounds, rounds[1:]):
         helpful = {c.id for c in after.candidates if not c.reason} if after else set()
@@ -387,7 +397,10 @@ def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
 def _unrefitted_lookalikes(
     signatures: Sequence[Signature], candidates: Sequence[Candidate]
 ) -> list[Signature]:
-    """Return effects like the best candidate, which screening may rank wrongly."""
+    """Return effects confusable with the best candidate but not yet refitted.
+
+    Screening may rank them wrongly.
+    """
     leader = max(candidates, key=lambda candidate: candidate.reduction)
     if leader.reduction < Limit.min_reduction:
         return []
@@ -418,7 +431,7 @@ class Found:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Ids of the effects that are called missing."""
+        """Ids of the effects that the verdict calls missing."""
         return tuple(effect.id for effect in self.effects if effect.missing)
 
 
@@ -473,10 +486,11 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, progress: Progress
 ) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
-    """Return the model of the search without effects whose interval contains 0.
+    """Return the model without effects whose interval contains 0.
 
-    With it come its place, spread and held-out predictions. The effect without which
-    the rest explain most goes first, and all where held-out data do not support them.
+    With it come its parameter vector, covariance and held-out predictions. The effect
+    whose removal costs least goes first. All go if the held-out data do not support
+    them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -509,7 +523,7 @@ def _drop_doubtful(
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
-    """Return a search that ends with the rest of its model, fitted at `x`."""
+    """Return the search as if it had ended with the model `problem`."""
     if problem.effects == found.after.problem.effects:
         return found
     if not problem.effects:
@@ -552,7 +566,7 @@ def _found_effects(
 
 
 class Agreement(NamedTuple):
-    """Support that parts of the data give to the effects of the whole."""
+    """Support by parts of the data for the effects found in all data."""
 
     # Share of the parts that name an effect or one it is tied with, by id, if any
     shares: Mapping[str, float]
@@ -567,8 +581,8 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    One that closes little is a finding where it explains half of the squared error left
-    without it, beyond noise, unless a larger one is confused with it.
+    One that explains little is more if it explains half of the squared error left
+    without it, beyond noise, and no larger effect is confused with it.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
@@ -580,7 +594,7 @@ def only_refines(
 def check_agreement(
     baseline_fit: BaselineFit, found: Search, progress: Progress = no_progress
 ) -> Agreement:
-    """Repeat the search on parts of the data from where that of the whole ends."""
+    """Repeat the search on parts of the data, among the effects tried in all."""
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})
@@ -609,10 +623,10 @@ def count_votes(
     own: Mapping[str, set[str]],
     named: Sequence[Sequence[set[str]]],
 ) -> Agreement:
-    """Return the agreement of the parts with the effects of the whole.
+    """Return the agreement of the parts with the `effects` found in all data.
 
-    `own` has what each effect is tied with there, by id; `named` the groups that a part
-    cannot distinguish, for each effect that it names.
+    `own` has the ties of each effect there, by id; `named` has, for each part, a group
+    of tied ids for each effect that it names.
     """
     shares, rivals = {}, {}
     for name in effects:
@@ -637,10 +651,11 @@ def count_votes(
 
 
 def split_trials(records: Sequence[Record]) -> list[Masks]:
-    """Return halves of the trials that are not reserved: first and last, every other.
+    """Return four halves of the free trials: first, last, odd and even ones.
 
     Names usually follow load and speed; repetitions stay together. Only the tilt
-    distinguishes a weight from a spring, so a half without any of a tilt has them all.
+    distinguishes a weight from a spring, so a half without trials of a tilt gets them
+    all.
     """
     tilts = {r.group: r.tilt for r in records if r.free.any()}
     groups = sorted(tilts)

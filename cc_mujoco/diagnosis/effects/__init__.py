@@ -51,7 +51,7 @@ EFFECTS: dict[str, Effect] = {
 
 
 def table_rows(effects: Iterable[Effect]) -> list[list[str]]:
-    """Return effects as rows of text; rare ones have a star."""
+    """Return effects as rows of text for a table; rare ones have a star."""
     named = [(each.id + ("*" if each.rare else ""), each) for each in effects]
     rows = [[name, each.equation, each.required_excitation] for name, each in named]
     return [["effect", "term", "required excitation"], *rows]
@@ -67,7 +67,7 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     """Put effects in `EFFECTS` while the block runs; yield their ids.
 
     `given` are ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as in
-    `_effect`, or effects; an id or parameter of another one's name is refused.
+    `_effect`, or effects. One with the id or a parameter name of another is refused.
     """
     if isinstance(given, str) or inspect.isclass(given):
         given = [given]

@@ -68,7 +68,7 @@ def _soft_play(given: Cables, values: Values, rig: RigGeometry) -> Cables:
 
 
 def acceleration(angle: FloatArray, dt: float | FloatArray) -> FloatArray:
-    """Return the second derivative (samples,) [rad/s^2]; `dt` may be the times."""
+    """Return the second derivative (samples,) [rad/s^2]; `dt` [s], or all times [s]."""
     return np.gradient(np.gradient(angle, dt), dt)
 
 
@@ -90,7 +90,7 @@ def _spring(s: Signals, v: Values) -> Signals:
 
 
 def _far_rest(v: Values) -> str:
-    """Describe a spring with a rest so far away that it only adds an offset."""
+    """Return a note if a spring's rest is so far away that it acts as an offset."""
     stiffness, moment = abs(v["joint_stiffness"]), abs(v["joint_stiffness_moment"])
     if moment <= math.tau * stiffness:  # within a turn
         return ""
@@ -347,7 +347,7 @@ class CurrentRipple:
 
 
 class JointFriction:
-    """Dry friction of the joint, as `frictionloss` of MJCF, that may wind up."""
+    """Dry friction of the joint, as `frictionloss` of MJCF, with elastic wind-up."""
 
     equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1) or tanh(q' / v)"
     forms = ("wound up", "lubricated")
@@ -403,7 +403,7 @@ class CoupledNeighbour:
 
 
 class LeverGeometry:
-    """Moment arm at the joint that differs from that of the scene."""
+    """Moment arm at the joint that differs from the arm in the scene."""
 
     equation = "r_j (1 + a q + b q^2)"
     source = "geometry"
@@ -429,7 +429,10 @@ JOINT_DELAY = "joint_delay"
 
 
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
-    """Return the signal delayed by this time, its first value held (samples,)."""
+    """Return the signal (samples,), every `dt` [s], `by` seconds later.
+
+    It is interpolated linearly; the first value fills the start.
+    """
     at = np.arange(signal.size) * dt
     return np.asarray(np.interp(at - by, at, signal))
 
@@ -523,7 +526,7 @@ SENSOR_EFFECTS = (
 
 
 class SensorCrossTalk:
-    """Torque sensors that also show a share of each other."""
+    """Torque sensors that each show a share of the other's torque as well."""
 
     equation = "tau_m + a tau_j, tau_j + b tau_m"
     source = "calibration"

@@ -1,6 +1,6 @@
-"""Effect: its location, its parameters and its action on a simulation.
+"""Effect of a rig: its location, its parameters and its action on a simulation.
 
-It may be written as a class, by a user or here:
+An effect may be written as a class, by a user or here:
 
     class JointDrag:
         '''Viscous drag on the joint.'''
@@ -51,7 +51,7 @@ Place = Literal["conduit", "motor", "joint", "sensor"]
 
 
 class EffectError(CableError):
-    """Fault in the code of an effect, which no other value of a fit mends."""
+    """Fault in the code of an effect, which occurs whatever values a fit tries."""
 
 
 _OF_CABLES = {parameter.name: parameter for parameter in PARAMETERS}
@@ -63,7 +63,7 @@ WIND_UP_BOUNDS = (1e-5, 0.1)
 
 
 class EffectParameter(NamedTuple):
-    """Parameter of an effect with its plausible size; 0 is off."""
+    """Parameter of an effect with its plausible size; a size of 0 is off."""
 
     # Descriptor with the bounds of fits; logarithmic if a shape that cannot be 0
     parameter: Parameter
@@ -102,12 +102,12 @@ class EffectParameter(NamedTuple):
 
     @property
     def linear(self) -> bool:
-        """True if 0 is off; other parameters only shape the effect."""
+        """True if the effect is off where it is 0; others only shape the effect."""
         return self.parameter.scale == "linear" and not self.shape
 
     @property
     def size(self) -> bool:
-        """True if it is one of the sizes of the effect."""
+        """True if it is a size of the effect: neither its shape nor a companion."""
         return self.linear and not self.beside
 
 
@@ -187,7 +187,7 @@ class Signals:
 
 
 class RigGeometry(NamedTuple):
-    """Properties of the rig and the trial that an effect may need."""
+    """Dimensions of the rig and conditions of the trial that an effect may need."""
 
     motor_radius: float  # of the motor's pulley [m]
     joint_radius: float  # of the joint's pulley, or arm of its lever at 0 [m]
@@ -197,7 +197,7 @@ class RigGeometry(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One physical effect."""
+    """Physical effect that a rig may have and a scene may lack."""
 
     id: str  # its name in `verdict.json`
     title: str  # name for readers
@@ -254,7 +254,7 @@ class Effect:
             object.__setattr__(self, "cables", cables)
 
     def form(self, values: Values) -> str:
-        """Return the form that values select, "" of an effect with only one."""
+        """Return the form that `values` select; "" for an effect with only one."""
         forms = self.forms or ("",)
         return forms[round(values.get(form_key(self.id), 0.0))]
 
@@ -263,7 +263,7 @@ class Effect:
         return other.id in self.confounded_with or self.id in other.confounded_with
 
     def forms_meet(self, other: Effect) -> bool:
-        """Return whether either has the form of the other on some rigs."""
+        """Return whether one of both takes the form of the other on some rigs."""
         return other.id in self.form_of or self.id in other.form_of
 
 
@@ -275,7 +275,7 @@ def form_key(effect: str) -> str:
 def of_cable(
     name: str, low: float, high: float, typical: float, called: str = "", **more: Any
 ) -> EffectParameter:
-    """Return a parameter of the cable as an effect's, `called` otherwise if need be."""
+    """Return a parameter of the cable as an effect's, with the name `called` if any."""
     scale: Any = "log" if low > 0.0 else "linear"
     bounds: Any = {"low": low, "high": high, "low_open": False}
     known = replace(_OF_CABLES[name], name=called or name, scale=scale, **bounds)
@@ -305,14 +305,14 @@ def clamp_to_bounds(name: str, value: float) -> float:
 def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
     """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
 
-    A bristle, straight at the first sample, bends with the angle and slides where it is
-    bent by the wind-up [rad].
+    It is elastic up to the angle `wind_up` [rad], then slides; the first sample is
+    relaxed.
     """
     return (angle - follow_with_play(angle, wind_up)) / wind_up
 
 
 def follow_with_play(angle: FloatArray, width: float) -> FloatArray:
-    """Return the angle followed with play of this half width (samples,) [rad]."""
+    """Return an angle (samples,) that follows with play of this half width [rad]."""
     followed = np.empty(angle.size)
     _follow_with_play(angle, width, followed)
     return followed
@@ -341,7 +341,7 @@ class Size:
         meaning: meaning, for the report.
         low: least value of fits.
         high: largest value of fits.
-        plausible: range of the effect; one that fits only beyond is not named.
+        plausible: plausible range; an effect fitted beyond it is not named.
     """
 
     name: str
@@ -353,7 +353,7 @@ class Size:
     plausible: tuple[float, float] = (-math.inf, math.inf)
 
     def described(self) -> EffectParameter:
-        """Return the parameter as fits have it."""
+        """Return it as an `EffectParameter`, which fits use."""
         most = 1e4 * abs(self.typical)
         low = -most if self.low is None else self.low
         high = most if self.high is None else self.high
@@ -382,8 +382,8 @@ class Shape:
         low: least value of fits; where it is positive, the logarithm is fitted.
         high: largest value of fits.
         meaning: meaning, for the report.
-        within: largest value to either side, over the joint's range of motion; what
-            fits beyond is not named.
+        within: largest absolute value, over the joint's range of motion; an effect
+            fitted beyond it is not named.
     """
 
     name: str
@@ -401,7 +401,7 @@ class Shape:
         return tuple(given.tolist())
 
     def described(self) -> EffectParameter:
-        """Return the parameter as fits have it."""
+        """Return it as an `EffectParameter`, which fits use."""
         values = self.values
         if not values or not all(self.low <= value <= self.high for value in values):
             raise CableError(
@@ -548,7 +548,7 @@ _ARGUMENTS = {
 
 
 def _require_arguments(made: Any, name: str) -> None:
-    """Refuse methods that cannot be called with their arguments."""
+    """Require that the methods of `made` take the arguments they are called with."""
     for method, arguments in _ARGUMENTS.items():
         called = getattr(made, method, None)
         if called is None:
@@ -570,7 +570,7 @@ def _guarded(
     method: Callable[..., Any] | None,
     checked: Callable[..., Any] = lambda *_: None,
 ) -> Callable[..., Any] | None:
-    """Return the method with errors that name its effect; `checked` may object, too."""
+    """Return the method with errors that name its effect, and a check of its result."""
     if method is None:
         return None
 

@@ -278,7 +278,7 @@ class DeviceVectorEnv(
     def _info(
         self, terms: Array, described: NDArray[np.bool_] | None = None
     ) -> LazyInfo:
-        """Return the `info` of environments in a mask; `terms` are the rewards'."""
+        """Return an `info` of the masked environments, with reward terms (4, n)."""
         return LazyInfo(self._columns, self._episodes.snapshot(), terms, described)
 
     def _columns(

@@ -36,7 +36,7 @@ _ALLOWED = PARTS | dict.fromkeys(MOTORS, "piece") | dict.fromkeys(MATERIALS, "m"
 
 
 def inertias_of(plant: Plant, model: mujoco.MjModel) -> list[dict[str, float]]:
-    """Return the motor's inertia at the joint of each axis, by name of the metric."""
+    """Return each axis's motor inertia at its joint [kg m^2], by name of the metric."""
     drives = DeviceModel(plant.description, model).drives(plant.description.period)
     return [{"reflected_inertia": one.inertia * one.ratio**2} for one in drives]
 

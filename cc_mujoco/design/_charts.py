@@ -195,7 +195,7 @@ def _surface_grid(
 
 
 def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
-    """Mark `points` outside the convex hull of `places`, both (n, 2), scaled to 1."""
+    """Mark `points` outside the hull of `places`, both (n, 2) scaled to 0...1."""
     from scipy.spatial import Delaunay, QhullError
 
     # A little is allowed, for a hypercube does not reach the ends of its ranges.

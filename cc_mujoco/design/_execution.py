@@ -158,7 +158,7 @@ SAMPLE_TIME = 0.1  # simulated time of a sample [s]
 
 
 def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
-    """Yield that slow controllers are timed, then the time of each that takes long.
+    """Yield sentences: slow controllers are timed, and each that takes long.
 
     Nothing is known of a search in advance. 0 `threads` means one per processor.
     """

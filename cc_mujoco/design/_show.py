@@ -189,7 +189,7 @@ class Pair(NamedTuple):
 def compare(
     study: FinishedStudy, row: int, against: int, case: int | None = None
 ) -> list[Pair]:
-    """Return variables and metrics of two designs by number; `case` as in `show`."""
+    """Return variables and metrics of `row` and `against`; `case` as in `show`."""
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
     study.find_user_metrics()

@@ -44,7 +44,7 @@ class Slip:
     rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the torque that moves the joint against `torque` [N m]."""
+        """Return the motor torque, scaled to the joint, that moves a load [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 

@@ -55,7 +55,7 @@ class CanDrive(ABC):
         buses: CanBuses | None = None,
         now: Now = time.perf_counter,
     ) -> None:
-        """Open the bus, see `CanPort`, for drive number `node`; `now` in s."""
+        """Open the bus, see `CanPort`, for drive `node`; `now` is a clock [s]."""
         self._port = CanPort(place, self.identifiers(node), fd=self.fd, buses=buses)
         self.ignored = self._port.ignored
         self.where = f"{self.title} {node} on {self._port.where}"

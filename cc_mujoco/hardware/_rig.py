@@ -235,7 +235,7 @@ class MotorDrive(Connection, Protocol):
 
 
 class Enabling:
-    """Watch over a drive from the request to enable its motor until it answers."""
+    """Status of a drive's motor, which may be unknown while it is being enabled."""
 
     def __init__(self, now: Now) -> None:
         self._now = now

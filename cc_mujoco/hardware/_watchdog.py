@@ -220,7 +220,7 @@ class Watch:
         """Check that motor and joint agree, by the model of the cables between them.
 
         `found` has passed `reading`; `wound` has `WINDING_COLUMNS` of cables without a
-        round pulley, as the model has one, see `control.as_round_pulley`.
+        round pulley, for the model, which has one, see `control.as_round_pulley`.
         """
         motor, angle, torque = found.motor_angle, found.joint_angle, found.joint_torque
         if wound:

@@ -120,7 +120,7 @@ class SampledMotion:
         rng: np.random.Generator,
         rows: int,
     ) -> None:
-        """Sample at most `rows` steps now; more later, if it `is_pointwise`."""
+        """Sample the motion now unless it `is_pointwise` and has `rows` steps."""
         self._source, self._dt = source, dt
         self._steps = _sample_steps(duration, dt)
         self._rng = copy.deepcopy(rng)

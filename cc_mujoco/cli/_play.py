@@ -31,7 +31,7 @@ class Play:
     angle_rad (or time_ms, knee_angle_deg) or an OpenSim .mot, or MODULE:NAME; the
     default depends on the scene."""
     task: options.Name = None
-    """Feel that the device should give the wearer: a name, NAME:NUMBER (hold:-12,
+    """Torque that the device should render: a name, NAME:NUMBER (hold:-12,
     spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
     depends on the scene."""
     controller: options.Name = None

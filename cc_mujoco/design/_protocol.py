@@ -37,7 +37,7 @@ DEFAULT_METRICS = (
 """Metrics that are measured where none is chosen, of designs that have them."""
 DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
 """Metrics that rank designs where no objective is given, of those that were measured:
-how well the task is done, how the device feels without power, how large its motor is.
+tracking of the task, resistance without power, size of the motor.
 """
 HELD_TESTS = ("backlash", "bandwidth")
 COST_METRIC = "cost"  # metric that a table of costs is for

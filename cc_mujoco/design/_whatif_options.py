@@ -76,7 +76,7 @@ class StudySpec:
     """Motion of the wearer: a name, NAME:AMPLITUDE, a table of angles, or MODULE:NAME;
     the default depends on the scene."""
     task: Annotated[str | Path | Task | None, _option("NAME", str | None)] = None
-    """Feel that the device should give the wearer: a name, NAME:NUMBER, a table of
+    """Torque that the device should render: a name, NAME:NUMBER, a table of
     torque over phase or time, or MODULE:NAME; the default depends on the scene."""
     controllers: Annotated[Sequence[str], _option("NAME [NAME ...]", Texts)] = (
         DEFAULT_CONTROLLERS

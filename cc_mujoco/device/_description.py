@@ -103,7 +103,7 @@ class Axis:
     units: Mapping[str, float]
     """Observed columns by name, and the size that counts as 1; see `Observed`."""
     task: str
-    """Default task: the feel of the device for the wearer."""
+    """Default task: torque that the device renders at the joint."""
     safe_torque: float = math.inf
     """Most that the cables may put into the joint of a wearer [N m]."""
     safe_is_assumed: bool = False
@@ -117,7 +117,7 @@ class Axis:
     """Power of the cables into that joint beyond which the motor brakes [W]."""
     motor_pulley: float = 0.0
     """Inertia of the motor's pulley about its axis [kg m^2], which grows as radius^4;
-    0 where nobody knows."""
+    0 where unknown."""
     gearing: float | None = None
     """Turns of the rotor per turn of the motor's pulley; None where the scene has a
     geared motor and states no more of it."""

@@ -112,8 +112,8 @@ class RunOutcome:
 
     sentence: str = ""  # why it ended
     code: int = 0
-    """Exit code: 0 the time was over, 3 something was amiss, 128 + number a signal."""
-    cycles: int = 0  # cycles that the controller had a say in
+    """Exit code: 0 the time was over, 3 a fault, 128 + number a signal."""
+    cycles: int = 0  # cycles with a torque of the controller
     missed: int = 0  # cycles that were skipped because the host was late
     limited: int = 0
     """Number of `cycles` in which a motor got all torque that its limit allows."""
@@ -123,7 +123,7 @@ class RunOutcome:
     without_reading: int = 0
     """Cycles in which no new reading came, of several axes from at least one."""
     ignored: Counter[str] = field(default_factory=Counter)
-    """Packets that were not used, by why."""
+    """Packets that were not used, by reason."""
     late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings
     work: TimeHistogram = field(default_factory=TimeHistogram)
     """Time from the beginning of a cycle until the command was out."""
@@ -152,7 +152,7 @@ class DrivenAxis:
     drive: Drive  # prior knowledge about the axis, with the period of the loop
     desired: Desired  # torque at the joint
     limits: Limits
-    watchdog: Watchdog  # longest times that something may be amiss
+    watchdog: Watchdog  # longest durations of faults
     name: str = ""
     """Name in sentences, and in the columns that a controller sees, of several axes."""
 

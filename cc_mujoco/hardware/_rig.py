@@ -54,7 +54,7 @@ class Connection(Protocol):
     """
 
     ignored: Counter[str]
-    """Packets that were received and not used, or not sent, by why."""
+    """Packets that were received and not used, or not sent, by reason."""
     where: str  # the address of the other end
 
     def close(self) -> None:

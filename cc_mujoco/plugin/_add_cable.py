@@ -47,7 +47,7 @@ Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[f
 """A site or its name, or a body or its name and a position in its frame [m]."""
 
 ROTOR_INERTIA, ROTOR_DAMPING, MOTOR_MASS = 5e-3, 1e-2, 0.5
-"""Inertia about its drum [kg m^2], damping [N m s/rad] and mass [kg] of a new motor."""
+"""Default inertia [kg m^2], damping [N m s/rad] and mass [kg] of a new rotor."""
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
@@ -63,7 +63,7 @@ class _Site:
 
 @dataclasses.dataclass(frozen=True)
 class _Drive:
-    """Names and numbers of a drive, valid in a specification and in its copies."""
+    """Names and numbers of a new drive, valid in a specification and its copies."""
 
     name: str
     joint: str
@@ -72,7 +72,7 @@ class _Drive:
     lever: _Site | None
     route: tuple[_Site, ...]
     motor: str = ""
-    """Joint that exists; empty for a new winch."""
+    """Name of the existing joint that is the motor; empty for a new winch."""
     mount: _Site | None = None
     """Body and position of a new winch."""
     torque_limit: float = 0.0
@@ -109,8 +109,8 @@ def add_cable(
     Writes the cable `name` with its ends `<name>_proximal` and `<name>_distal`, and as
     far as needed: a winch (body, joint and geom `<name>_winch`, actuator
     `<name>_motor`), sites (`<name>_route_1` and on, `<name>_lever`), the tendon
-    `<name>_route` that draws the conduit, and the free rope `<name>_rope`. Nothing of
-    that takes a default of the model. In keyframes what is new is at rest.
+    `<name>_route` that draws the conduit, and the free rope `<name>_rope`. These take
+    no values from defaults of the model. In keyframes new joints are at rest.
 
     Args:
         spec: the specification to change.
@@ -238,14 +238,17 @@ def _report(
 
 
 def _driving(model: mujoco.MjModel, joint: str, cable: str) -> list[int]:
-    """Return the actuators that move a joint in some pose, but for ends of a cable."""
+    """Return the actuators that move `joint` in `_arms`, except those of `cable`."""
     ends = [model.actuator(f"{cable}_{end}").id for end in ENDS]
     moving = np.flatnonzero(_arms(model, joint) > mujoco.mjMINVAL)
     return [int(i) for i in moving if i not in ends]
 
 
 def _arms(model: mujoco.MjModel, joint: str) -> FloatArray:
-    """Return the largest moment arms of the actuators at a joint in some poses."""
+    """Return the largest moment arm of every actuator at a joint (nactuator,) [m].
+
+    The poses are `qpos0` and seven positions of the joint over its range.
+    """
     data, own = mujoco.MjData(model), model.joint(joint)
     low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
     arms = np.zeros(model.nactuator)
@@ -294,7 +297,11 @@ def _cable(
 
 
 def _drawn_sections(points: FloatArray, cable: str) -> tuple[Section, ...]:
-    """Return a conduit through points (P, 3): each bends it half-way to the next."""
+    """Return the sections of a conduit through `points` (P, 3) [m].
+
+    The turn at a point is spread evenly from half-way to the point before it to
+    half-way to the next.
+    """
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if not np.all(lengths > 0.0):
@@ -319,7 +326,7 @@ def _same_place(cable: str, index: int) -> CableError:
 
 
 def _require_arm(model: mujoco.MjModel, drive: _Drive) -> None:
-    """Refuse a lever of which the joint does not change the length of the rope."""
+    """Raise a `CableError` if the joint does not change the length of the rope."""
     distal = model.actuator(f"{drive.name}_distal").id
     lever = drive.lever
     if lever is not None and _arms(model, drive.joint)[distal] < mujoco.mjMINVAL:

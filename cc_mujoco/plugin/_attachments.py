@@ -1,4 +1,4 @@
-"""Attachment of a plugin instance, checked compiled: its two ends and its route.
+"""Compiled checks of the two ends and the route of a plugin instance.
 
 The first actuator of an instance (in the order of the model) is the proximal end, the
 second the distal end.
@@ -50,7 +50,7 @@ def end_radius(model: MjModel, actuator: int) -> float:
 
 @internal
 def is_length(metres: float) -> bool:
-    """Return whether a length is a finite number that MuJoCo does not take for bad."""
+    """Return whether a length [m] is finite and within `mjMAXVAL`, MuJoCo's limit."""
     return abs(metres) <= float(mujoco.mjMAXVAL)
 
 
@@ -89,7 +89,7 @@ def _blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) 
 
 @internal
 def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
-    """Append why the ends of an instance cannot be used, if they cannot."""
+    """Append the reason, if any, why the ends of an instance cannot be used."""
     count, first, second = find_actuators(model, instance)
     if count != 2:
         ffi.append(message, "it is used by ")
@@ -121,7 +121,7 @@ def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
 
 @internal
 def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
-    """Return why an actuator is no end, as the end of a sentence, or an empty text."""
+    """Return the reason why an actuator cannot be an end of a cable, or no text."""
     joint, tendon = holding_joint(model, actuator), holding_tendon(model, actuator)
     kind = model.jnt_type[joint] if joint >= 0 else -1
     turns = kind == mjtJoint.mjJNT_HINGE
@@ -198,7 +198,10 @@ def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
 def _has_affixes(
     candidate: ffi.Bytes, wanted: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether a name is `wanted` within affixes, of these sizes, of `name`."""
+    """Return whether `candidate` is `wanted` between the affixes of `name`.
+
+    These are its first `prefix` and last `suffix` bytes.
+    """
     end = prefix + wanted.size
     return (
         candidate.size == end + suffix
@@ -212,7 +215,10 @@ def _has_affixes(
 def _element_has_affixes(
     label: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether an element, if named, has that prefix and suffix of `name`."""
+    """Return whether `label` is empty or has the first and last bytes of `name`.
+
+    `prefix` and `suffix` are the numbers of these bytes.
+    """
     inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
         inner > 0
@@ -232,7 +238,10 @@ def _wrap_name(model: MjModel, place: int) -> ffi.Bytes:
 def _all_have_affixes(
     model: MjModel, instance: int, tendon: int, prefix: int, suffix: int
 ) -> bool:
-    """Return whether all elements of an instance and a tendon bear an affix too."""
+    """Return whether the ends and the path of a cable have the affixes of its own name.
+
+    These are its first `prefix` and last `suffix` bytes; the path is that of `tendon`.
+    """
     name = ffi.name(model, model.name_pluginadr[instance])
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
@@ -252,11 +261,12 @@ def _all_have_affixes(
 def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
     """Return the index of the spatial tendon that an instance names as route, or -1.
 
-    MuJoCo's `attach` renames all elements, not the text of a configuration. So `route`
-    also stands for that name with a prefix and a suffix of the instance's own name,
-    where its actuators and the sites and geoms of the tendon bear them too: instance
+    MuJoCo's `attach` renames all elements, but not the text of a configuration. So
+    `route` also stands for that name with a prefix and a suffix of the instance's own
+    name, if its actuators and the sites and geoms of the tendon have them too: instance
     `left_flexor` with `route` = `path` means tendon `left_path`, if there is one, else
-    `path`. The longest counts; but a tendon of the instance's own name is its own.
+    `path`. The longest match counts, unless `route` is the name of the instance itself
+    and a tendon has exactly that name.
     """
     name = ffi.name(model, model.name_pluginadr[instance])
     namesake = config.equal_text(route, name)
@@ -283,7 +293,10 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
 def _is_named(
     model: MjModel, instance: int, tendon: int, place: int, wanted: ffi.Bytes
 ) -> bool:
-    """Return whether a place of a route is `wanted`, with the tendon's affixes."""
+    """Return whether the element at index `place` of `wrap_type` is named `wanted`.
+
+    The name may have the prefix and suffix that `attach` gave the route, `tendon`.
+    """
     attributes = ffi.attributes(model, instance)
     route = config.key_text(attributes, config.KEY.route)
     name = ffi.name(model, model.name_pluginadr[instance])
@@ -299,7 +312,7 @@ def _is_named(
 
 @internal
 def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
-    """Return the place of the mouth site inside an instance's route, or -1."""
+    """Return the index in a route of its mouth, where the conduit ends, or -1."""
     mouth = config.key_text(ffi.attributes(model, instance), config.KEY.mouth)
     start = model.tendon_adr[tendon]
     for i in range(1, model.tendon_num[tendon] - 1):
@@ -313,11 +326,11 @@ def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
 def read_guides(
     model: MjModel, instance: int, tendon: int, mouth: int, out: FloatArray
 ) -> bool:
-    """Read the guides of an instance's open path; return whether all can be used.
+    """Read the key `guides` of an instance; return whether all of it can be used.
 
-    Written to `out` for every place of the path from the mouth, or from the first one
-    behind the first site: 0 where nothing is given, `ROLLING`, or the radius of a site
-    [m]. Every name must be one of a site, or of a geom that is a roller.
+    Every name must be that of a site, or of a geom that is a roller. `out` gets a
+    number for each place of the path after its first site, or from the mouth on: 0 for
+    no guide, `ROLLING` for a roller, or the radius of a site [m].
     """
     out[:] = 0.0
     written = config.key_text(ffi.attributes(model, instance), config.KEY.guides)
@@ -374,7 +387,7 @@ def explain_bypass(
 
 @internal
 def _tendon_feature(model: MjModel, tendon: int) -> ffi.Bytes:
-    """Return what a tendon has that acts on it as a whole, or an empty text."""
+    """Return the feature, if any, by which a tendon is pulled as a whole, or ""."""
     if model.tendon_stiffness[tendon] != 0.0:
         return "a `stiffness`"
     if model.tendon_damping[tendon] != 0.0:
@@ -409,7 +422,10 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 def explain_tied(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append which end has a gear that would scale its tension, if one has."""
+    """Append the end, if any, that is tied to `tendon` by a gear other than 1 or -1.
+
+    Such a gear would scale the tension.
+    """
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         tied = holding_tendon(model, actuator) == tendon
@@ -424,12 +440,12 @@ def explain_tied(
 
 @internal
 def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
-    """Keep all trees awake that a cable pulls; return a body that may sleep, or -1.
+    """Forbid sleep to all kinematic trees that a cable pulls.
 
-    MuJoCo does so for trees that an actuator moves. It sees nothing of the pieces of an
-    open path, and nothing that a cable pulls wakes a tree. `route` is the tendon of an
-    open or mixed path, else -1, `mouth` the place in its path where the conduit ends.
-    The body is in a tree that the model lets sleep by a `sleep` of its own.
+    MuJoCo does so for trees that an actuator moves, but does not know the pieces of an
+    open path, and the pull of a cable wakes no tree. `route` is the tendon of an open
+    or mixed path, else -1, and `mouth` the place in it where the conduit ends. Return a
+    body whose tree the model explicitly lets sleep by its `sleep`, or -1.
     """
     _, first, second = find_actuators(model, instance)
     found = -1
@@ -447,7 +463,7 @@ def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
 
 @internal
 def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
-    """Keep all trees awake that hold a tendon from a place of its path on."""
+    """Forbid sleep to the trees of a tendon's sites and geoms from `begin` on."""
     found, start = -1, model.tendon_adr[tendon] + begin
     for i in range(start, ffi.path_end(model, tendon)):
         body = ffi.wrap_body(model, i)
@@ -458,7 +474,7 @@ def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
 
 @internal
 def _keep_tree_awake(model: MjModel, body: int) -> int:
-    """Keep the tree of a body awake; return the body if it could sleep, else -1."""
+    """Forbid sleep to the tree of a body; return the body if it could sleep, or -1."""
     tree = model.body_treeid[body]
     if tree < 0:
         return -1
@@ -472,7 +488,7 @@ def _keep_tree_awake(model: MjModel, body: int) -> int:
 
 @internal
 def explain_sleep(message: ffi.Message, model: MjModel, body: int) -> None:
-    """Append that a body of `keep_awake` must not sleep; nothing for -1."""
+    """Append to `message` that `body` must not sleep; append nothing if it is -1."""
     if body < 0:
         return
     ffi.append(message, "body ")
@@ -492,11 +508,11 @@ def pushes(model: MjModel, actuator: int, distal: bool) -> bool:
 
 @internal
 def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
-    """Return whether a motor at the proximal end can only move the cable to distal.
+    """Return whether the motor at the proximal end can only slacken the cable.
 
-    From its pose in `qpos0`, by its range and by what drives it: a servo to positions
-    in its `ctrlrange`, a motor of one sign. The antagonist of a cable that it winds up
-    may be so.
+    That follows from its position in `qpos0`, the range of its joint, and what drives
+    it: a servo to positions in its `ctrlrange`, or a motor of one sign. A joint that
+    another cable pulls in the opposite sense, an antagonist, never counts.
     """
     joint = holding_joint(model, actuator)
     if joint < 0:
@@ -561,7 +577,7 @@ def ends_swapped(model: MjModel, instance: int) -> bool:
 
 @internal
 def _is_near(model: MjModel, joint: int, place: int) -> bool:
-    """Return whether a site in a path is on the body of a joint or on its parent."""
+    """Return whether a site of a path is on a joint's body or the parent of that."""
     body = model.jnt_bodyid[joint]
     own = model.site_bodyid[model.wrap_objid[place]]
     return bool(own != 0 and (own == body or own == model.body_parentid[body]))

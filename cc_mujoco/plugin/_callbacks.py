@@ -56,10 +56,10 @@ _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 @internal
 def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
-    """Report why the configuration of an instance cannot be used.
+    """Check the configuration of an instance.
 
-    Return the key that is to blame or `VALID_CONFIGURATION`, where the message says why
-    if it has grown.
+    Return the key that cannot be used, or `VALID_CONFIGURATION`; in the second case the
+    configuration is still refused if a reason has been appended to `message`.
     """
     attributes = ffi.attributes(model, instance)
     values = np.empty(config.SCALARS)
@@ -118,7 +118,7 @@ def _is_refused(model: MjModel, instance: int) -> bool:
 
 @ffi.callback
 def route(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
-    """Return the spatial tendon that is the route of the instance, or -1."""
+    """Return the index of the spatial tendon that an instance has as route, or -1."""
     attributes = ffi.attributes(model, instance)
     written = config.key_text(attributes, config.KEY.route)
     return attachments.find_route(model, instance, written)
@@ -157,7 +157,7 @@ def wrap(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
 
 @ffi.callback
 def compliance(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
-    """Write an instance's node compliances [m/N], then its elastic energy [J]."""
+    """Write node compliances (n + 1,) [m/N], then the elastic energy [J], to `out`."""
     block = _usable_block(model, data, instance)
     if block == 0:
         return
@@ -183,7 +183,7 @@ def compliance(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> No
 
 @ffi.callback
 def limits(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
-    """Write the longest stable time steps of an instance (3,) [s] to an address."""
+    """Write the longest stable time steps (3,) [s] of an instance to address `out`."""
     ffi.floats(out, 3)[:] = np.inf
     if blocks.acting_block(model, data, instance) == 0:
         return
@@ -193,9 +193,9 @@ def limits(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
 
 @internal
 def _check(model: MjModel, data: MjData, block: Block) -> None:
-    """Warn if the time step is too long for the instance, or its ends are not fit.
+    """Warn if the time step is too long for an instance, or if its ends cannot be used.
 
-    What was refused at load can also be set on the compiled model.
+    Values that are refused at load can still be set on the compiled model.
     """
     instance = block.instance
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
@@ -226,17 +226,17 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
 
 @internal
 def _ends(model: MjModel, data: MjData, block: Block) -> tuple[Pair, float]:
-    """Return the displacements of the ends [m], and the lever of the proximal one."""
+    """Return both ends' displacements [m] and the proximal `eccentric.lever_ratio`."""
     proximal, lever = blocks.winding(model, data, block)
     return (proximal, blocks.displacement(data, block, 1)), lever
 
 
 @internal
 def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> None:
-    """Pull with the pieces of an open cable before its actuators are evaluated.
+    """Apply the forces of an open path before its actuators are evaluated.
 
-    `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
-    is given, an implicit end looks ahead by that.
+    `mj_inverse` evaluates passive forces but no actuators. The motion of implicit ends
+    is predicted by the acceleration in `data`.
     """
     idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     if idle or messages.has_no_passive(model):
@@ -262,10 +262,10 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
 
 @internal
 def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
-    """Take back the early pulls of implicit cables, to the last bit.
+    """Remove the forces that `_pull_early` applied for implicit ends, to the last bit.
 
-    They depend on an acceleration that is no part of the state; what is left of
-    them by rounding must not reach the simulation.
+    They depend on an acceleration that is no part of the state; rounding errors of
+    their removal must not reach the simulation.
     """
     passive = data.qfrc_passive[: model.nv]
     for other in range(model.nplugin - 1, -1, -1):
@@ -292,10 +292,10 @@ def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
 def settle(
     model: MjModel, data: MjData, instance: ffi.CInt, keeps_rope: ffi.CInt
 ) -> None:
-    """Lay the cable at rest, with its ends where they are at the last position.
+    """Set the state of a cable to rest, with its ends at the last evaluated position.
 
-    Its tension is the pretension or, where it keeps its rope, that of the rope
-    which was mounted in the pose `qpos0`.
+    Its tension is the pretension or, if `keeps_rope`, that of the rope which was
+    mounted in the pose `qpos0`.
     """
     if blocks.acting_block(model, data, instance) == 0:
         messages.warn_cannot_act(model, data, instance)

@@ -82,10 +82,10 @@ VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""
 
 KEY = SimpleNamespace(**{key: i for i, key in enumerate(KEYS)})
-"""Place of each key, for compiled code; those of scalar parameters come first."""
+"""Index of each key in `KEYS`, as an attribute; scalar parameters come first."""
 _OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
-"""Keys of drag along the conduit, which that of a seal is not."""
+"""Indices of drag parameters per length of conduit; drag of a seal is in newtons."""
 _SCALARS = SimpleNamespace(
     low=np.array([p.low for p in PARAMETERS]),
     high=np.array([p.high for p in PARAMETERS]),
@@ -93,11 +93,11 @@ _SCALARS = SimpleNamespace(
     default=np.array([p.default for p in PARAMETERS]),
     required=np.array([key in REQUIRED for key in KEYS]),
 )
-"""Bounds and defaults of scalar parameters, by their places."""
+"""Bounds and defaults of scalar parameters, in the order of `PARAMETERS`."""
 
 
 def _allowed_values() -> tuple[str, ...]:
-    """Return what each key may be, in words."""
+    """Return a text on the allowed values of each key, in the order of `KEYS`."""
     own = {p.name: p.allowed for p in PARAMETERS} | cable.ALLOWED
     own["route"] = "the name of a spatial tendon of the model"
     for key in cable.OF_A_CONDUIT:
@@ -135,7 +135,7 @@ def block_size(block: int) -> int:
 
 @internal
 def segment_count(block: int) -> int:
-    """Return the number of segments, or 0 if the text is no allowed number."""
+    """Return the number of segments by the attributes, or 0 if it is not allowed."""
     written = strip(key_text(block, KEY.segments))
     if key_text(block, KEY.segments).size == 0:
         return cable.Cable.segments
@@ -211,7 +211,11 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
 
 @internal
 def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
-    """Return begin and end of the next guide's name, -1: none, and its word's end."""
+    """Return begin, colon and end of the next word `name:value` of the key `guides`.
+
+    The search begins at index `start`. If no word is left, all three are -1; without a
+    colon the second is the begin.
+    """
     begin = start
     while begin < written.size and is_space(written[begin]):
         begin += 1
@@ -245,7 +249,7 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 
 @internal
 def explain(message: Message, block: int, key: int) -> None:
-    """Append why a key cannot be used: its name, its value and the allowed values."""
+    """Append name, value and allowed values of a key that cannot be used."""
     for part in ("key `", KEYS[key], "` is "):
         append(message, part)
     written = key_text(block, key)
@@ -259,11 +263,11 @@ def explain(message: Message, block: int, key: int) -> None:
 
 @compiled
 def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, int]:
-    """Read the attribute block of an instance.
+    """Read the configuration of an instance from the attributes at address `block`.
 
-    Out: scalar parameters in the order of `PARAMETERS`, and `sections` (`MAX_SECTIONS`,
-    2), length and bend radius [m]. Returns the index of the first key that cannot be
-    used or `VALID_CONFIGURATION`, and the number of sections.
+    Write the scalar parameters, in the order of `PARAMETERS`, to `values`, and lengths
+    and bend radii [m] to `sections` (`MAX_SECTIONS`, 2). Return the index of the first
+    key that cannot be used or `VALID_CONFIGURATION`, and the number of sections.
     """
     for key in range(SCALARS):
         written = key_text(block, key)

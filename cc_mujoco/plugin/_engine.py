@@ -38,7 +38,7 @@ _untimed_callers = 0
 _clock = ctypes.c_void_p.in_dll(LIBRARY, "mjcb_time")
 """MuJoCo's clock, which `mujoco.set_mjcb_time` sets too."""
 _own_clock: int | None = None
-"""MuJoCo's own, while `untimed` has put another in its place."""
+"""Address of MuJoCo's own clock while `untimed` has replaced it."""
 
 
 class untimed:

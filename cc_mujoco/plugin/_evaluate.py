@@ -84,10 +84,10 @@ def pack(block: Block, model: MjModel, instance: int) -> bool:
 
 @internal
 def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
-    """Update the packed parameters by the configuration of the model.
+    """Pack the parameters anew if the configuration has changed; return if it is valid.
 
-    They are unless a batch gives its simulations different models; then the text of the
-    configuration differs from the copy that was packed last, or its route does.
+    It changes if a batch gives its simulations different models. Then its text or the
+    digest of its route differs from that which was packed last.
     """
     attributes = ffi.attributes(model, instance)
     seen, size, i = block + block.text, block.text_size, 0
@@ -104,7 +104,7 @@ def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
 
 @internal
 def packed_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of an instance, its parameters up to date; 0 if none fits."""
+    """Return an instance's block with its parameters updated, or 0 if unusable."""
     block = blocks.block_of(model, data, instance)
     if block != 0 and not update_parameters(block, model, instance):
         block = 0
@@ -113,7 +113,7 @@ def packed_block(model: MjModel, data: MjData, instance: int) -> Block:
 
 @internal
 def packed_block_of(model: MjModel, data: MjData, other: int, kind: int) -> Block:
-    """Return `packed_block` of an instance of any plugin; 0 for another `kind`."""
+    """Return `packed_block` of `other`, or 0 if its plugin is not number `kind`."""
     return packed_block(model, data, other) if model.plugin[other] == kind else 0
 
 
@@ -121,11 +121,12 @@ def packed_block_of(model: MjModel, data: MjData, other: int, kind: int) -> Bloc
 def origin(
     block: Block, model: MjModel, data: MjData, instance: int
 ) -> tuple[int, float]:
-    """Return the state that an evaluation begins from, and the time since then [s].
+    """Return the address of the state that an evaluation starts from, and its age [s].
 
-    The committed state, a time step ago; at the later stages of RK4 that of the first
-    one. So a motion that turns at the start of the step is followed to there and back.
-    The time is half a step, a step or, where there was no first stage, up to two.
+    That is the committed state, one time step old. At the later stages of RK4 it is the
+    state after the first stage, half a step or one step old, so that a motion that
+    reverses at the start of the step is followed there and back. If there was no first
+    stage, the committed state is up to two steps old.
     """
     state, step = ffi.state(model, data, instance), model.opt.timestep
     if not is_rk4(model):
@@ -143,7 +144,7 @@ def origin(
 
 @internal
 def save_first_stage(block: Block, data: MjData, state: int) -> None:
-    """Keep the new state, begun from `state`, as that of the first stage of RK4."""
+    """Keep the new state, found from that at `state`, as that after RK4's stage 1."""
     n, first = block.segments, block + block.first_stage
     copy(block + block.new_state, first, 8 * kernel.state_size(n))
     kept = blocks.committed(first, n)
@@ -154,9 +155,10 @@ def save_first_stage(block: Block, data: MjData, state: int) -> None:
 
 @internal
 def is_evaluated(block: Block, data: MjData, state: int, ends: Pair) -> bool:
-    """Return whether the last evaluation is that of this state and motion of the ends.
+    """Return whether the last evaluation had this state and displacements `ends` [m].
 
-    What an implicit end looks ahead to depends on its velocity, too.
+    The velocities of the ends must be equal too, as the motion of implicit ends depends
+    on them.
     """
     known = block.result_valid == 1
     for end in range(2):
@@ -173,10 +175,10 @@ def written_bytes(block: Block) -> int:
 
 @internal
 def evaluate(block: Block, state: int, ends: Pair, yields: Pair, dt: float) -> bool:
-    """Evaluate from the committed state, unless done; return if all is finite.
+    """Evaluate a cable from the state at address `state`; return whether all is finite.
 
-    The parameters must be up to date. Arguments as in `cable._kernel.step` and
-    `cable._pack.expect_yielding`.
+    Equal inputs are not evaluated twice. The parameters must be up to date. Arguments
+    are those of `cable._kernel.step` and `cable._pack.expect_yielding`.
     """
     n, given = block.segments, np.empty(5)
     given[0], given[1], given[2], given[3], given[4] = (
@@ -205,10 +207,7 @@ def evaluate(block: Block, state: int, ends: Pair, yields: Pair, dt: float) -> b
 def set_rest_state(
     block: Block, model: MjModel, state: int, ends: Pair, time: float
 ) -> None:
-    """Set the state at address `state` to rest with the lengths of both actuators [m].
-
-    The parameters must be up to date.
-    """
+    """Set the state at address `state` to rest, at the actuator lengths `ends` [m]."""
     n, kept = block.segments, blocks.committed(state, block.segments)
     wound = blocks.proximal_winding(model, block, ends[0])[0]
     whole = blocks.kernel_state(state, n)
@@ -224,13 +223,13 @@ def set_rest_state(
 
 @internal
 def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
-    """Give a cable at rest the even tension of the rope that was mounted in `qpos0`.
+    """Give a cable at rest the uniform tension of the rope that was mounted in `qpos0`.
 
-    What an end has moved since then stretches the rope or makes it slack. On an open
-    path, measured before at the present position, the rope is as long unstretched as it
-    was, but for drums: they gave out rope at the strain of the pretension, and took it
-    in at the mean of that and of the present one, as in a straight motion. `state` is
-    the address of the state that `set_rest_state` has set.
+    Motion of its ends since then has stretched the rope or made it slack. On an open
+    path, which must have been measured at the present position, only drums change the
+    unstretched length of the rope: they pay out rope at the strain of the pretension,
+    and wind it up at the mean of that strain and the present one, as if they had moved
+    straight here. `state` is the address of the state that `set_rest_state` has set.
     """
     n, prm = block.segments, blocks.parameters(block)
     whole = blocks.kernel_state(state, n)
@@ -263,7 +262,7 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
 
 @internal
 def _wound_ratio(prm: FloatArray, tension: float) -> float:
-    """Return the mean stretch ratio of rope wound up from the pretension to another."""
+    """Return the mean stretch ratio of the pretension and of `tension` [N]."""
     now = moving_path.stretch_ratio(prm, max(tension, 0.0))
     return 0.5 * (moving_path.stretch_ratio(prm, prm[PLACE.pretension]) + now)
 
@@ -272,12 +271,12 @@ def _wound_ratio(prm: FloatArray, tension: float) -> float:
 def _even_tension(
     prm: FloatArray, n: int, path: float, rope: float, wound: float
 ) -> float:
-    """Return the even tension of a cable at rest [N], negative where it is slack.
+    """Return the uniform tension of a cable at rest [N], negative if it is slack.
 
-    `path` is the length of an open path, 0 in a conduit. `rope` is the unstretched
-    length of the cable on an open path and of what was wound up, less the stretch of
-    the springs at its ends; of another cable its stretch, with those springs. `wound`
-    is the stretched length of rope that drums have wound up. All in metres.
+    `path` is the length of an open path [m], or 0 in a conduit. `rope` [m] is, on an
+    open path, the unstretched length of the cable and of rope wound up, less the
+    stretch of the springs at its ends; in a conduit, the stretch of cable and springs.
+    `wound` is the stretched length of rope that drums have wound up [m].
     """
     if not np.isfinite(path + rope + wound):
         return np.nan
@@ -311,7 +310,7 @@ def _is_longer(
 
 @internal
 def has_stiffened(block: Block) -> bool:
-    """Return whether a piece is twice as stiff as when this was last true."""
+    """Return whether the stiffest piece is twice as stiff as at the last True."""
     n, prm = block.segments, blocks.parameters(block)
     stiffness = kernel.node_stiffness(prm, n)
     now = open_path.max_piece_stiffness(blocks.shape(block, 0), stiffness, n)
@@ -323,7 +322,10 @@ def has_stiffened(block: Block) -> bool:
 
 @internal
 def follow_paths(model: MjModel, data: MjData, instance: int, evaluation: int) -> None:
-    """Lead open cables along their paths unless done in an evaluation (-1: all)."""
+    """Measure the paths of all open cables and update their segments.
+
+    Those that did so in the evaluation of number `evaluation` are left out; none if -1.
+    """
     kind = model.plugin[instance]
     for other in range(model.nplugin):
         block = packed_block_of(model, data, other, kind)

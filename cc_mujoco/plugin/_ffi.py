@@ -75,7 +75,7 @@ MAX_QUOTED = 90
 
 
 def memory(layout: type[ctypes.Structure]) -> Memory:
-    """Return the type of an address in compiled code that is that of a structure."""
+    """Return the type that compiled code gives the address of a `ctypes` structure."""
     return Memory(
         INT.c,
         layout.__name__,
@@ -85,7 +85,7 @@ def memory(layout: type[ctypes.Structure]) -> Memory:
 
 
 class _Message(ctypes.Structure):
-    """A message that grows, in `MESSAGE_WORDS` words of 8 bytes, 0 at first."""
+    """Buffer for a growing message: `MESSAGE_WORDS` words of 8 bytes, first zero."""
 
     _fields_ = (("used", ctypes.c_int64), ("text", ctypes.c_uint8 * _CAPACITY))
 
@@ -130,7 +130,7 @@ def octets(address: int, count: int) -> Bytes:
 
 @internal
 def borrow_floats(data: int, count: int) -> FloatArray:
-    """Return numbers of MuJoCo's stack, for use between its mark and its release."""
+    """Return `count` numbers on MuJoCo's stack, valid until `free_stack`."""
     return floats(borrow(data, count), count)
 
 
@@ -141,7 +141,7 @@ def float_rows(address: int, rows: int, columns: int) -> FloatMatrix:
 
 @internal
 def borrow_rows(data: int, rows: int, columns: int) -> FloatMatrix:
-    """Return a matrix of zeros on MuJoCo's stack, as `borrow_floats`."""
+    """Return a matrix of zeros on MuJoCo's stack, valid until `free_stack`."""
     place = borrow_floats(data, rows * columns)
     place[:] = 0.0
     return float_rows(place.ctypes.data, rows, columns)
@@ -200,7 +200,7 @@ def append(message: Message, part: Bytes) -> None:
 
 @internal
 def quote(message: Message, part: Bytes) -> None:
-    """Add text in quotes: at most `MAX_QUOTED` bytes, `?` for what is no UTF-8."""
+    """Append text in quotes: at most `MAX_QUOTED` bytes, `?` if one is no UTF-8."""
     append(message, "'")
     at = 0
     while at < part.size:
@@ -215,7 +215,7 @@ def quote(message: Message, part: Bytes) -> None:
 
 @internal
 def _character_size(part: Bytes, at: int) -> int:
-    """Return the bytes of the UTF-8 character at a place, 0 where there is none."""
+    """Return the bytes of the UTF-8 character at index `at`, or 0 if it is none."""
     first, size = part[at], 1
     low, high = 0x80, 0xBF  # of the second byte
     if first >= 0x80:
@@ -260,7 +260,10 @@ def append_label(message: Message, name: Bytes, index: int) -> None:
 
 @internal
 def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
-    """Add a number of a base unit in its thousandth, rounded down to three digits."""
+    """Append `value` times 1000, rounded down to three decimals, and its `unit`.
+
+    For example a length in metres is appended with the unit " mm".
+    """
     if value < 0.0:
         append(message, "-")
     value, exponent = abs(value), 0
@@ -287,7 +290,11 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 @internal
 def warned_once(message: Message, about: int) -> bool:
-    """Return whether this process already said a message `about` it; record it."""
+    """Return whether this process has already given a message; record it as given.
+
+    `about` is a number that distinguishes equal texts, such as the signature of a
+    model.
+    """
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211
@@ -323,13 +330,13 @@ def has_timestep(model: MjModel) -> bool:
 
 @internal
 def disabled(model: MjModel, flag: int) -> bool:
-    """Return whether a part of the engine is disabled, an `mjtDisableBit`."""
+    """Return whether the model sets a `flag` of `mjtDisableBit`."""
     return bool(model.opt.disableflags & flag != 0)
 
 
 @internal
 def name(model: MjModel, start: int) -> Bytes:
-    """Return a name by its place in all names, as of `model.name_siteadr`."""
+    """Return the name at an offset in `model.names`, as of `model.name_siteadr`."""
     return text(model.names.ctypes.data + start)
 
 
@@ -345,13 +352,13 @@ def state(model: MjModel, data: MjData, instance: int) -> int:
 
 @internal
 def path_end(model: MjModel, tendon: int) -> int:
-    """Return the place behind the last one of a tendon's path in `wrap_type`."""
+    """Return the index in `wrap_type` behind the last place of a tendon's path."""
     return int(model.tendon_adr[tendon] + model.tendon_num[tendon])
 
 
 @internal
 def wrap_body(model: MjModel, place: int) -> int:
-    """Return the body of the site or geom at a place in `wrap_type`; -1 of a pulley."""
+    """Return the body of the site or geom at an index in `wrap_type`; pulleys: -1."""
     if model.wrap_type[place] == mjtWrap.mjWRAP_PULLEY:
         return -1
     thing = model.wrap_objid[place]

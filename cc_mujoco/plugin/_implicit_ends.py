@@ -80,9 +80,9 @@ from cc_mujoco.plugin._ffi import MjData, MjModel, disabled
 from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
-"""Knowledge of the step in `known_step` of a model's first cable: none; the
-acceleration, by MuJoCo's own factor of the inertia; by a factor with constraints; with
-dampers after them."""
+"""Values of `known_step`, the acceleration of the step: unknown; by MuJoCo's factor of
+the inertia; by a factor with constraints; by factors with constraints and dampers.
+"""
 
 
 class _Prediction(NamedTuple):
@@ -113,10 +113,10 @@ def _prediction(lead: Block, nv: int) -> _Prediction:
 
 @internal
 def is_implicit(model: MjModel, block: Block) -> bool:
-    """Return whether the step is so long that the ends of a cable must be implicit.
+    """Return whether the time step is so long that the ends of a cable are implicit.
 
-    It may be where it is half of what is stable for an end, by the inertia of the pose
-    `qpos0`, so that a pose of less inertia is stable too.
+    They are if it is longer than half of what is stable for an end alone. The inertia
+    is that of the pose `qpos0`, so that a pose of less inertia is stable too.
     """
     if (
         block.explicit_ends != 0
@@ -156,9 +156,10 @@ def held_stiffness(block: Block, end: int) -> float:
 
 @internal
 def slipping_stiffness(block: Block) -> float:
-    """Return the stiffness of an end while the whole cable slips [N/m].
+    """Return the stiffness seen at an end while the whole cable slips [N/m].
 
-    Between two equal masses, which find it twice as stiff as it is.
+    This is twice the stiffness of all nodes in series: of a cable that vibrates between
+    two equal masses each sees one half.
     """
     stiffness = kernel.node_stiffness(blocks.parameters(block), block.segments)
     compliance = 0.0
@@ -171,9 +172,10 @@ def slipping_stiffness(block: Block) -> float:
 def newmark_terms(
     model: MjModel, stiffness: float, mobility: float
 ) -> tuple[float, float]:
-    """Return alpha, and beta of an end of a stiffness [N/m], see above.
+    """Return alpha and beta, see the module, for an end of a stiffness [N/m].
 
-    `mobility` is its acceleration per tension, times the square of the step [m/N].
+    `mobility` is the acceleration of the end per tension times the squared time step
+    [m/N].
     """
     most, gain = NEWMARK.stability_limit, NEWMARK.velocity_gain
     if is_rk4(model):
@@ -187,10 +189,11 @@ def newmark_terms(
 def _predict_acceleration(
     model: MjModel, data: MjData, lead: Block, own: _Prediction
 ) -> None:
-    """Find the acceleration of the step, with all tensions as they are.
+    """Predict the acceleration of the step, with all tensions unchanged.
 
-    `data` has all that MuJoCo evaluates before plugins of actuators, and all open
-    cables led along their paths.
+    Set `found` of `own`; `known_step` of `lead`, the block of the model's first
+    cable, tells how it was found. `data` must have all that MuJoCo evaluates before
+    actuator plugins, and the paths of all open cables must have been measured.
     """
     nv = model.nv
     found, scratch, inertia = own.found.ctypes.data, own.row, own.inertia
@@ -220,7 +223,11 @@ def _predict_acceleration(
 def _smooth_forces(
     model: MjModel, data: MjData, kind: int, force: FloatArray, acted: FloatArray
 ) -> None:
-    """Compute the sum of all forces without those of constraints (nv,)."""
+    """Write the sum of all forces but those of constraints to `force` (nv,).
+
+    `kind` is the number of the cable plugin; cables pull with the tensions of their
+    states. `acted` (nv,) is scratch.
+    """
     nv, sum_at = model.nv, force.ctypes.data
     force[:] = data.qfrc_passive[:nv]
     ffi.add(force, data.qfrc_bias[:nv], -1.0)
@@ -280,7 +287,7 @@ def _limited_force(model: MjModel, data: MjData, actuator: int, output: int) -> 
 
 @internal
 def _is_clamped(model: MjModel, data: MjData, actuator: int) -> bool:
-    """Return whether a range limits an actuator's force, which then has no damping."""
+    """Return whether a range limits an actuator's force now; it then has no damping."""
     if model.actuator_forcelimited[actuator] != 0:
         force = data.actuator_force[model.actuator_outadr[actuator]]
         low = model.actuator_forcerange[actuator, 0]
@@ -324,7 +331,10 @@ def add_moment(data: MjData, output: int, force: float, target: FloatArray) -> N
 def _damping_matrix(
     model: MjModel, data: MjData, out: FloatArray, scratch: FloatArray
 ) -> bool:
-    """Write the damping that is integrated implicitly (nv * nv,); return if any."""
+    """Write the damping that is integrated implicitly to `out` (nv * nv,).
+
+    Return whether there is any. `scratch` is (nv,).
+    """
     nv, any_damping = model.nv, False
     out[:] = 0.0
     if is_rk4(model):
@@ -367,7 +377,7 @@ def _damping_matrix(
 
 @internal
 def _add_square(rate: float, row: FloatArray, out: FloatArray) -> None:
-    """Add the product of a row (nv,) with itself to a matrix (nv * nv,)."""
+    """Add `rate` times the outer square of a row (nv,) to `out` (nv * nv,)."""
     nv = row.size
     for i in range(nv):
         for j in range(nv if row[i] != 0.0 else 0):
@@ -376,7 +386,7 @@ def _add_square(rate: float, row: FloatArray, out: FloatArray) -> None:
 
 @internal
 def _constraint_row(model: MjModel, data: MjData, i: int) -> tuple[int, int]:
-    """Return begin and end of the Jacobian of a constraint in `efc_J`."""
+    """Return the begin and the end of row i of the constraint Jacobian in `efc_J`."""
     if ffi.is_sparse(model) == 0:
         return model.nv * i, model.nv * (i + 1)
     start = data.efc_J_rowadr[i]
@@ -385,7 +395,11 @@ def _constraint_row(model: MjModel, data: MjData, i: int) -> tuple[int, int]:
 
 @internal
 def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
-    """Compute the acceleration under smooth forces and constraints, with its factor."""
+    """Solve for the acceleration `found` of `own` under smooth forces and constraints.
+
+    The active constraints are found in up to three trials. `factor` of `own` becomes
+    the Cholesky factor of the inertia with their stiffness.
+    """
     nv, count, found, factor = model.nv, data.nefc, own.found, own.factor
     right, sparse = own.row, ffi.is_sparse(model) != 0
     found[:] = data.qacc_warmstart[:nv]
@@ -430,9 +444,10 @@ def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
 def _constraint_force(
     data: MjData, i: int, given: FloatArray, state: FloatArray
 ) -> float:
-    """Set whether constraint i gives way like a spring, else return its force.
+    """Set `state[i]` to 1 if constraint i acts as a spring, or else to 0.
 
-    `given` are the forces of the constraints up to i if they all do.
+    Return its constant force in the second case, e.g. dry friction that slips. `given`
+    has the forces of constraints up to i if all of them acted as springs.
     """
     force, kind = given[i], data.efc_type[i]
     state[i] = 1.0
@@ -466,12 +481,12 @@ def _constraint_force(
 def predict_ends(
     model: MjModel, data: MjData, block: Block, lead: Block, out: FloatArray
 ) -> None:
-    """Compute where the ends of a cable are, and how they move in the step (9,).
+    """Predict the motion of the ends of a cable in the step, out (9,).
 
-    Pairs for the proximal and the distal end: displacement x [m], h v [m] and h^2 a [m]
-    while the tensions stay as they are, and by how much h^2 a falls with the tension
-    [m/N]; at last 1, as ends yield to their tension. How ends on the same bodies move
-    each other is added to what each does by itself. `lead` is the model's first cable.
+    Pairs for the proximal and the distal end: displacement x [m], h v [m], h^2 a [m]
+    with unchanged tensions, and the decrease of h^2 a per tension [m/N]; last 1, as
+    ends yield to their tension. The decrease includes the effect of all other ends on
+    the same bodies. `lead` is the block of the model's first cable.
     """
     own = _prediction(lead, model.nv)
     if lead.known_step == _UNKNOWN:
@@ -485,7 +500,11 @@ def predict_ends(
 def predict_known_motion(
     model: MjModel, data: MjData, block: Block, out: FloatArray
 ) -> None:
-    """Compute what `predict_ends` does by the acceleration in `data`, not yielding."""
+    """Predict the motion of the ends by the acceleration in `data`, out (9,).
+
+    The numbers are those of `predict_ends`, but the last is 0: this acceleration does
+    not depend on the tensions.
+    """
     ffi.mark_stack(data)
     row, none = ffi.borrow_floats(data, model.nv), ffi.borrow_floats(data, 0)
     answer, found = ffi.borrow_floats(data, model.nv), data.qacc[: model.nv]
@@ -531,7 +550,11 @@ def _predict_ends(
 
 @internal
 def _mobility(model: MjModel, data: MjData, own: int, answer: FloatArray) -> float:
-    """Compute the acceleration of all ends per tension [1/kg], by `answer` (nv,)."""
+    """Return the sum over all ends of their acceleration per tension [1/kg].
+
+    `answer` (nv,) is the acceleration that a unit tension at one end causes, and `own`
+    the instance of that end.
+    """
     total = 0.0
     for other in range(model.nplugin):
         if model.plugin[other] != model.plugin[own]:

@@ -18,12 +18,12 @@ from cc_mujoco.plugin._ffi import MjData, MjModel, floats, internal, memory
 from cc_mujoco.plugin._path import OpenPath
 
 Pair = tuple[float, float]
-"""Numbers of the proximal and the distal end, or of one of them."""
+"""Two numbers: of the proximal and the distal end, or displacement and lever of one."""
 _INT, _REAL = ctypes.c_int64, ctypes.c_double
 
 
 class _Block(ctypes.Structure):
-    """Head of the memory of an instance; of pairs the first is of the proximal end."""
+    """Head of an instance's memory; in pairs the proximal end comes first."""
 
     _fields_ = (
         ("segments", _INT),
@@ -89,10 +89,10 @@ class _Block(ctypes.Structure):
 
 
 class Commitment(ctypes.Structure):
-    """Part of a committed state behind the kernel's own.
+    """Part of a committed state that follows the state of the kernel.
 
-    The displacements in the kernel's state are those that the step looked ahead to. The
-    memory of an open cable's path follows.
+    For an implicit end the kernel's state has the predicted displacement, and `ends`
+    the true one. The memory of an open cable's path comes next.
     """
 
     _fields_ = (
@@ -108,9 +108,9 @@ Committed = Annotated[Any, memory(Commitment)]
 BLOCK_WORDS, COMMITMENT_SIZE = ctypes.sizeof(_Block) // 8, ctypes.sizeof(Commitment)
 TEXT_CAPACITY = 4096
 MAX_DOFS = 300
-"""Degrees of freedom up to which ends may be implicit: factors are dense."""
+"""Most degrees of freedom with which ends may be implicit: factors are dense."""
 EARLY_KEPT, EARLY_REPLACED = 1, 2
-"""Early pull that the evaluation of the actuators keeps, or that it replaces."""
+"""Values of `early_pull`: the evaluation of the actuators keeps or replaces it."""
 REFERENCE_STAGE = 5
 
 
@@ -165,7 +165,7 @@ def block_at(data: MjData, instance: int) -> Block:
 
 @internal
 def own_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return an instance's block or 0; it may be one for another model, see `fits`."""
+    """Return an instance's block or 0; it may be that of another model, see `fits`."""
     if instance >= data.nplugin or data.plugin[instance] != model.plugin[instance]:
         return 0
     return block_at(data, instance)
@@ -173,17 +173,17 @@ def own_block(model: MjModel, data: MjData, instance: int) -> Block:
 
 @internal
 def block_of(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return an instance's block, or 0 where data have none that fits the model."""
+    """Return an instance's block, or 0 if `data` has none that fits the model."""
     block = own_block(model, data, instance)
     return block if block != 0 and fits(block, model, instance) else 0
 
 
 @internal
 def acting_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of an instance, or 0 where the cable cannot act.
+    """Return the block of an instance, or 0 if the cable cannot act.
 
-    The first cable of the model must fit too, which keeps what all of them share, and
-    the time step must be one.
+    It can if the time step is valid and the block of the model's first cable, which
+    holds what all cables share, fits the model too.
     """
     if not ffi.has_timestep(model):
         return 0
@@ -196,9 +196,9 @@ def acting_block(model: MjModel, data: MjData, instance: int) -> Block:
 
 @internal
 def lay_out(block: Block, model: MjModel, first: bool) -> int:
-    """Set the places of the parts of a block by its sizes; return its size [bytes].
+    """Set the offsets of the parts of a block by its sizes; return its size [bytes].
 
-    `first` is true of a model's first cable, which keeps what all of them share.
+    `first` is true for the first cable of a model, which holds what all cables share.
     """
     n, state = block.segments, 8 * kernel.state_size(block.segments)
     free = block.path_kind > 0
@@ -238,11 +238,11 @@ def kernel_state(state: int, n: int) -> FloatArray:
 
 @internal
 def shape_at(block: Block, stage: int) -> int:
-    """Return the address of the path at a stage.
+    """Return the address of a path's measurements at a stage.
 
-    Stage 0 is now, 1 to 4 are the stages of RK4, and `REFERENCE_STAGE` is `qpos0`. A
-    path is the wrap angles of the segments and, for an open cable, the result of
-    `measure_path`.
+    Stage 0 is the present position, 1 to 4 are the stages of RK4, and `REFERENCE_STAGE`
+    is `qpos0`. They are the wrap angles of the segments [rad] or, for an open cable,
+    the result of `measure_path`.
     """
     return int(block + block.shapes + block.shape_bytes * stage)
 
@@ -293,7 +293,7 @@ def rest_displacement(model: MjModel, block: Block, end: int) -> float:
 
 @internal
 def proximal_winding(model: MjModel, block: Block, length: float) -> Pair:
-    """Return displacement [m] and lever of the proximal end, by its `length`."""
+    """Return displacement [m] and lever ratio of the proximal end at a `length` [m]."""
     prm, gear = parameters(block), attachments.pulley_radius(model, block.outputs[0])
     return (
         eccentric.wound_length(prm, length, gear),

@@ -58,7 +58,7 @@ LOADED: dict[str, LoadedInt] = {}
 
 
 def place(path: str) -> LoadedInt:
-    """Return the offset of a field, as `mjModel.opt.timestep`, or a size [bytes]."""
+    """Return the offset of a field, e.g. `mjModel.opt.timestep`, or a size [bytes]."""
     is_field = "." in path
     found = LoadedInt(_find(path)[0] if is_field else ctypes.sizeof(structure(path)))
     found.c = f"layout.{member(path)}"
@@ -81,7 +81,7 @@ def member(path: str) -> str:
 
 
 def row() -> str:
-    """Return the row of the installed MuJoCo in `native_layouts.h`."""
+    """Return the table row for the installed MuJoCo, as in `native_layouts.h`."""
     given = ", ".join(f".{member(path)}={LOADED[path]}" for path in sorted(LOADED))
     text = f"{{{mujoco.mj_version()}, {{{given}}}}},"
     return textwrap.fill(text, 90, subsequent_indent="  ")
@@ -92,7 +92,10 @@ def _members(fields: Any) -> list[tuple[str, Any]]:
 
 
 def _type(node: Any, extent: tuple[Any, ...] | None = None) -> Any:
-    """Return a type for `ctypes`; `extent` are sizes of what a pointer points to."""
+    """Return the `ctypes` type of a type that `mujoco.introspect` describes.
+
+    `extent` are the sizes of the array that a pointer field points to.
+    """
     if isinstance(node, PointerType):
         if not isinstance(node.inner_type, ValueType) or node.inner_type.name == "void":
             return ctypes.c_void_p
@@ -120,11 +123,11 @@ MjLogMessage = Annotated[Any, _memory("mjLogMessage")]
 
 
 def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
-    """Compare the layout with the addresses that the bindings report.
+    """Raise a `NativeLibraryError` unless the layout agrees with the Python bindings.
 
-    `mjData.plugin_state` is empty in the probe and `plugin_data` has no address in
-    Python; the fields on both sides of them do, and the latter must hold an address.
-    Offsets and sizes of `paths` and the values of `enumerators` must agree.
+    Compared are the offsets and sizes of `paths` and the values of `enumerators`.
+    `mjData.plugin_state` is empty in the test model and `plugin_data` has no address in
+    Python, so their neighbours are compared, and `plugin_data` must hold an address.
     """
     probe = Path(__file__).with_name("probe.xml").read_text()
     model = mujoco.MjModel.from_xml_string(probe)

@@ -34,7 +34,7 @@ from cc_mujoco.plugin._spec import add_element, plain_errors, read_spec
 End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
 SPARE_BYTES = 1000
-"""Bytes in a model for longer configurations of a cable than that of the scene."""
+"""Bytes that `make_room` adds to each cable, for a longer configuration later."""
 
 
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
@@ -153,7 +153,7 @@ def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
 
 
 def make_room(spec: mujoco.MjSpec) -> None:
-    """Leave room in a specification for other cables; see `write_cable`."""
+    """Pad the configurations of cables so that `write_cable` can write longer ones."""
     require_kind("spec", spec, mujoco.MjSpec)
     for instance in spec.plugins:
         config = dict(instance.config)
@@ -202,7 +202,10 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
 
 
 def _shortest_texts(cable: Cable) -> Iterator[str]:
-    """Yield the shortest text of every key, empty where that means its value."""
+    """Yield, for each key of the plugin, the shortest text for the value in `cable`.
+
+    It is empty if the value is the default of an optional key.
+    """
     config, defaults = cable.to_config(), Cable().to_config()
     numbers = {*(parameter.name for parameter in PARAMETERS), "conduit"}
     for key in KEYS:

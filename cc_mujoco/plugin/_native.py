@@ -39,7 +39,10 @@ def write(path: str) -> None:
 
 
 def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
-    """Return a library in C99 with the plugin, for every known MuJoCo."""
+    """Return the C99 source of the plugin and `functions`, for every known MuJoCo.
+
+    `with_python` adds the entries by which Python calls compiled functions.
+    """
     made = CLibrary(_functions(), native_library.PACKAGE.parent)
     entries: dict[str, Function] = {}
     for function in functions:
@@ -108,7 +111,7 @@ def _constants() -> dict[str, Any]:
 
 
 def _enumerators() -> Iterator[str]:
-    """Return the constants of MuJoCo that the plugin's modules name, with values."""
+    """Yield `name=value` of each MuJoCo enumerator that the plugin's modules use."""
     names: set[str] = set()
     for file in Path(__file__).parent.glob("*.py"):
         names.update(re.findall(r"\b(mjt\w+\.mj\w+)", file.read_text()))

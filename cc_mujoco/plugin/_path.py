@@ -23,7 +23,7 @@ ARC_SEGMENTS = 4
 
 
 class OpenPath(NamedTuple):
-    """A cable along a spatial tendon without pulleys, open behind a mouth."""
+    """A cable along a spatial tendon without pulleys, with no conduit after `mouth`."""
 
     tendon: int  # the tendon
     mouth: int  # place of a site in its path, 0 where all of it is open
@@ -62,7 +62,10 @@ def places_size(model: MjModel, tendon: int) -> int:
 
 @internal
 def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
-    """Write the places of a path as last evaluated, see `cable/_path_geometry.py`."""
+    """Write sites and geoms of a path, as last evaluated, to `places`.
+
+    `cable/_path_geometry.py` describes the numbers of each place.
+    """
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     for k in range(model.tendon_num[tendon]):
         place = places[geometry.PLACE_SIZE * k :]
@@ -98,9 +101,10 @@ def bend(
     segments: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Compute the wrap of each segment of a conduit, see `_path_geometry.bend` [rad].
+    """Compute the wrap angle of each segment of a conduit along a tendon [rad].
 
-    `count` is the number of places that the conduit follows, 0 for all of them.
+    The conduit follows the first `count` places of the path, all if 0. Other arguments
+    are those of `cable._path_geometry.bend`.
     """
     if count == 0:
         count = model.tendon_num[tendon]
@@ -118,7 +122,10 @@ def min_segments(model: MjModel, tendon: int, mouth: int) -> int:
 
 @internal
 def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
-    """Return the segments behind a mouth by default, `ARC_SEGMENTS` for a geom."""
+    """Return the default number of segments behind a mouth.
+
+    A site counts as one segment, a geom as `ARC_SEGMENTS`.
+    """
     count = min_segments(model, tendon, mouth)
     for i in range(model.tendon_adr[tendon] + mouth, ffi.path_end(model, tendon)):
         if model.wrap_type[i] != mjtWrap.mjWRAP_SITE:
@@ -128,7 +135,10 @@ def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
 
 @internal
 def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
-    """Measure the open part of a path as last evaluated, as the cable's `measure`."""
+    """Measure the open part of a path as last evaluated, into its `measured`.
+
+    Return its length from the mouth on [m], see `cable._open_path.measure`.
+    """
     ffi.mark_stack(data)
     places = ffi.borrow_floats(data, places_size(model, path.tendon))
     read_places(model, data, path.tendon, places)
@@ -150,10 +160,10 @@ def apply_pulls(
     aside: int,
     target: int,
 ) -> None:
-    """Add the forces of the pieces on the degrees of freedom.
+    """Add the generalized forces of a path's pieces to a sum (nv,).
 
-    `data` is at the measured position of the path, and `target` the address of the sum
-    (nv,); other arguments are those of `cable._open_path.pull_forces`.
+    `target` is the address of the sum, and `data` is at the position where the path was
+    measured. Other arguments are those of `cable._open_path.pull_forces`.
     """
     start, number = model.tendon_adr[path.tendon], model.tendon_num[path.tendon]
     ffi.mark_stack(data)

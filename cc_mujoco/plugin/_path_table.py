@@ -1,11 +1,11 @@
-"""The path of a cable at every angle of one joint, as MuJoCo lays it.
+"""The path of a cable at every angle of one joint, as MuJoCo computes it.
 
     angles = np.linspace(-0.9, 1.0, 2001)
     course = compute_path_table(model, "extensor", "finger", angles)
 
 The table has the path that the plugin finds at these angles, with all other joints as
-in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo. Where
-other joints move as well, `compute_recorded_path` has a row for every pose.
+in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo. If other
+joints move as well, `compute_recorded_path` has a row for every pose.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from cc_mujoco.plugin._routing import follow
 def compute_path_table(
     model: mujoco.MjModel, cable: str, joint: str, angles: FloatArray
 ) -> CoupledPath:
-    """Compute the course of a cable's path as a joint turns.
+    """Compute the path of a cable at every angle of one joint.
 
-    `joint` is a hinge; no other may move the path, see `moving_joints`. `angles` go by
-    equal steps from 0 or below up [rad].
+    `joint` is a hinge; no other joint may move the path, see `moving_joints`. `angles`
+    [rad] increase by equal steps and begin at 0 or below.
     """
     walk = _Walk(model, cable)
     course = walk.make_course(np.array(angles))
@@ -51,10 +51,10 @@ def compute_path_table(
 def compute_recorded_path(
     model: mujoco.MjModel, cable: str, joint: str, poses: FloatArray
 ) -> CoupledPath:
-    """Compute the course of a cable's path along poses, by the number of the pose.
+    """Compute the path of a cable in each of a sequence of poses.
 
-    The slopes are by the angle of `joint`, a hinge. `poses` (poses, nq) go from near
-    `qpos0` on by small steps.
+    In the result `joint` is the number of the pose, while slopes are per angle of the
+    hinge `joint`. `poses` (poses, nq) begin near `qpos0` and change by small steps.
     """
     walk, place = _Walk(model, cable), int(model.joint(joint).qposadr[0])
     course = walk.make_course(np.arange(len(poses), dtype=np.float64), slopes=True)
@@ -65,9 +65,10 @@ def compute_recorded_path(
 def moving_joints(
     model: mujoco.MjModel, cable: str, poses: int = 8, pulled: bool = False
 ) -> list[str]:
-    """Return the joints that move the path or distal end of a cable in some pose.
+    """Return the names of joints that move a cable's path or distal end.
 
-    With `pulled` without those that only bend its conduit, which it does not pull.
+    They are tried in a number of random `poses`. If `pulled`, joints that only bend the
+    conduit are left out: the cable does not pull them.
     """
     walk = _Walk(model, cable)
     random = np.random.default_rng(0)
@@ -91,7 +92,7 @@ def moving_joints(
 
 
 class _Walk:
-    """A simulation whose cable is led along its path, pose by pose.
+    """A simulation that measures a cable's path pose by pose.
 
     Attributes:
         wrap: wrap of the segments in the last pose (n,) [rad].
@@ -113,16 +114,16 @@ class _Walk:
         self.lay(model.qpos0)
 
     def lay(self, pose: FloatArray, stay: bool = False) -> float:
-        """Lay the cable along its path in a pose; return its distal displacement.
+        """Measure the path in a pose (nq,); return the distal displacement [m].
 
-        With `stay` the next pose is compared with the one before, not with this one.
+        With `stay` the next pose is still compared with the pose before this one.
         """
         self._data.qpos[:] = pose
         mujoco.mj_fwdPosition(self._model, self._data)
         return float(_lay_path(*self._given, stay))
 
     def make_course(self, joint: FloatArray, slopes: bool = False) -> CoupledPath:
-        """Make a course without values, at angles or numbers of poses."""
+        """Return an empty table for angles [rad] or numbers of poses `joint`."""
         n, count = self.wrap.size, joint.size
         guided = _route_of(self._data._address, self._instance)[2]
         wrap, contact = np.empty((2, count, n))
@@ -141,9 +142,9 @@ class _Walk:
         poses: FloatArray,
         turned: int | None = None,
     ) -> None:
-        """Fill rows of a course, from the pose `first` (nq,) on along `poses`.
+        """Fill `rows` of a table from `poses` (k, nq), beginning at pose `first`.
 
-        With its slopes by the angle that is `turned` in `qpos`, if that is given.
+        If the index `turned` of an angle in `qpos` is given, fill in its slopes too.
         """
         rest, total = self.lay(first), np.zeros(self.longer.size)
         turn = 1e-4  # either way, by which a slope is found [rad]
@@ -195,7 +196,7 @@ def _lay_path(
 def _route_of(
     data: MjData, instance: int
 ) -> tuple[int, int, int, bool, tuple[bool, bool]]:
-    """Return the first fields of the `Route` of a cable."""
+    """Return the fields of a cable's `Route` that are no arrays."""
     block = blocks.block_at(data, instance)
     tied = block.tied[0] != 0, block.tied[1] != 0
     bends = block.bends_with_route != 0
@@ -203,7 +204,10 @@ def _route_of(
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
-    """Return how the cables are led whose path or bends a tendon gives."""
+    """Return the `Route` by name of every cable whose path or bends a tendon gives.
+
+    It is {} if there is none.
+    """
     led = {
         name: cable
         for name, cable in cables.items()

@@ -155,8 +155,9 @@ def tendon_turn(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> floa
 def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> FloatArray:
     """Wrap angle of each segment of a cable (segments,) [rad], proximal to distal.
 
-    That of its sections, or of its route at the last evaluated position where the keys
-    `bend` or `path` say so. Needs `mj_tendon` (part of `mj_forward`).
+    It follows from the sections of the conduit or, if the keys `bend` or `path` say so,
+    from the route at the last evaluated position. Needs `mj_tendon` (part of
+    `mj_forward`).
 
     Raises:
         CableError: the model has no cable of that name, or the data are of another one.
@@ -169,9 +170,10 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
 
 
 def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
-    """Return the elastic energy of a cable and its bristles in the present state [J].
+    """Return the elastic energy of a cable in the present state [J].
 
-    With that of the rope that the drums of an open path wound and gave out so far.
+    It includes that of friction bristles and of rope that drums of an open path have
+    wound up or paid out so far.
 
     Raises:
         CableError: the model has no cable of that name, or the data are of another one.
@@ -185,7 +187,10 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
 def numbers_of(
     name: str, model: mujoco.MjModel, data: mujoco.MjData, instance: int, count: int
 ) -> FloatArray:
-    """Return what a compiled function of the plugin writes of an instance."""
+    """Return the `count` numbers of an instance that a compiled function writes.
+
+    `name` is a key of `PYTHON_FUNCTIONS`.
+    """
     out = np.full(count, np.nan)
     call = plugin_function(name)
     call(model._address, data._address, instance, out.ctypes.data)
@@ -226,7 +231,10 @@ def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
-    """Return the instance of a cable that data hold as the model has it."""
+    """Return the index of a cable's instance if `data` fit the model.
+
+    Raise a `CableError` if they do not, or if the model has no such cable.
+    """
     index = _instance(model, name)
     require_kind("data", data, mujoco.MjData)
     require_data_of(model, data)

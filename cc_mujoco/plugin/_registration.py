@@ -28,7 +28,7 @@ PYTHON_FUNCTIONS = {
     "compliance": ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS),
     "route": ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER),
 }
-"""Compiled functions that Python calls, in compiled code `cc_mujoco_<name>`."""
+"""Types of the compiled functions `cc_mujoco_<name>` that Python calls, by name."""
 ENGINE_NAMES = (
     "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
     "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
@@ -60,8 +60,8 @@ class PluginRecord(ctypes.Structure):
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
-    It is that of the native library, which is compiled if need be; one that the process
-    has loaded from another library of the same code before stays.
+    It comes from the native library, which is compiled if need be. If the process has
+    loaded the plugin from another library of the same code before, that one stays.
 
     Raises:
         NativeLibraryError: this MuJoCo cannot run the plugin, or the name is taken by
@@ -128,7 +128,7 @@ class _SymbolInfo(ctypes.Structure):
 
 
 def file_of(address: int) -> str | None:
-    """Return the shared library that an address lies in, None where that is unknown."""
+    """Return the file of the shared library that an address is in, None if unknown."""
     if sys.platform == "win32":
         return None
     info = _SymbolInfo()
@@ -152,7 +152,7 @@ def _require_same_code(file: str) -> ctypes.CDLL:
 
 
 def add_plugin(name: str, entries: Mapping[str, str]) -> None:
-    """Hand a plugin of the native library over to MuJoCo, without a configuration.
+    """Register another plugin of the native library, one without a configuration.
 
     `entries` are symbols of the library by the names of callbacks in `mjpPlugin`.
     """
@@ -170,7 +170,7 @@ def add_plugin(name: str, entries: Mapping[str, str]) -> None:
 
 
 def plugin_slot() -> int:
-    """Return the MuJoCo's number of the plugin, as in `mjModel.plugin`."""
+    """Return MuJoCo's number of the plugin, as in `mjModel.plugin`."""
     number = ctypes.c_int(-1)
     LIBRARY.mjp_getPlugin(PLUGIN.encode(), ctypes.byref(number))
     return number.value

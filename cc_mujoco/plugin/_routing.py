@@ -1,4 +1,4 @@
-"""Compiled guidance of a cable along its path, for callbacks of the engine plugin."""
+"""Compiled update of a cable's segments by the path of its tendon, for callbacks."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ def _exchange_mocap(model: MjModel, data: MjData, held: ffi.FloatMatrix) -> None
 def _survey(
     block: Block, model: MjModel, data: MjData, stage: int, known: bool
 ) -> None:
-    """Measure the open path at the last position, as that of a stage.
+    """Measure an open path at the last evaluated position and store it as a stage.
 
-    `known` is false of the path in `qpos0` itself.
+    `known` is false while the path in `qpos0` is measured, from which the part inside
+    the conduit is copied otherwise.
     """
     led = blocks.path_of(block, stage)
     reach = path.measure_path(model, data, led)
@@ -56,14 +57,14 @@ def _survey(
 
 @internal
 def seats_with_route(block: Block) -> bool:
-    """Return whether a cable has clearance in bends that its route changes."""
+    """Return whether a cable has clearance in a conduit that bends with its route."""
     clearance = blocks.parameters(block)[config.KEY.clearance]
     return bool(block.bends_with_route == 1 and clearance > 0.0)
 
 
 @internal
 def _bend(block: Block, model: MjModel, data: MjData, stage: int) -> None:
-    """Measure the wrap angles of a conduit that follows its route (n,) [rad]."""
+    """Store the wrap angles (n,) [rad] of a conduit that bends with its route."""
     contact = layout.contact_length(blocks.parameters(block), block.segments)
     length, angles = data.ten_length[block.route], blocks.shape(block, stage)
     path.bend(model, data, block.route, 0, length, contact, angles)
@@ -115,7 +116,7 @@ def _make_mesh(block: Block, model: MjModel, data: MjData) -> None:
 
 @internal
 def lay(block: Block, stage: int, state: int) -> None:
-    """Give the packed segments the path of a stage, as seen from a state."""
+    """Set the packed segments to the path of a stage, for the state at this address."""
     n, prm, shape = block.segments, blocks.parameters(block), blocks.shape(block, stage)
     if blocks.is_open(block):
         reference = blocks.shape(block, blocks.REFERENCE_STAGE)

@@ -1,8 +1,7 @@
-"""Before the first step: cables at rest in this pose, and how long a step may be.
+"""Cables at rest in the present pose before the first step, and stable time steps.
 
-data.qpos[:] = pose  # or mj_resetDataKeyframe
-settle(model, data)  # rope="keep" for a state of the same machine
-step_limits(model, data)["flexor"].distal  # [s]
+data.qpos[:] = pose  # or mj_resetDataKeyframe settle(model, data)  # rope="keep" for a
+state of the same machine step_limits(model, data)["flexor"].distal  # [s]
 """
 
 from __future__ import annotations
@@ -41,13 +40,13 @@ def settle(
     *,
     rope: Literal["keep", "remount"] = "remount",
 ) -> None:
-    """Lay all cables at rest in the present pose.
+    """Bring all cables to rest in the present pose.
 
-    MuJoCo's resets, that to a keyframe too, lay the cables at rest in the pose `qpos0`.
+    MuJoCo's resets, that to a keyframe too, bring them to rest in the pose `qpos0`.
     Without this call the first step pulls them to the present pose, as after a jump of
-    the joints. This function lays them in the present pose: tension is the same
-    everywhere, nothing has slipped, energy and memory of friction are those of a reset.
-    All else of `data` is kept and updated by `mj_forward`.
+    the joints. Afterwards the tension is the same along each cable, nothing has
+    slipped, and energy and memory of friction are those of a reset. All else of `data`
+    is kept and updated by `mj_forward`.
 
     The tension is that of a rope which is mounted anew in this pose, or of the rope
     that is mounted in `qpos0`, stretched or slack by what its ends and its path have
@@ -86,7 +85,7 @@ def step_limits(
     Where friction holds the cable its end is a spring of EA over half its last segment.
     About an inertia J that an end moves by a pulley of radius r alone, steps below
     2 / sqrt(stiffness r^2 / J) are stable for it; for the general case see
-    `_stability_limits.py`. Where the step is longer than 0.7 of that for a cable alone,
+    `_stability_limits.py`. If the step is longer than 0.8 of that for a cable alone,
     its ends are implicit and bear any step, unless it has `ends` = `explicit`. Cables
     of one joint that pass the limit only together stay explicit. Pieces of an open path
     are always explicit, and the stiffer the shorter they are. The plugin warns, through

@@ -69,7 +69,11 @@ def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> N
 
 
 def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
-    """Return an element of a specification by its name, or by its index without one."""
+    """Return the element of a specification with a name or an index.
+
+    Raises:
+        CableError: there is none; the message lists the names.
+    """
     count = len(elements)
     named = {x.name: x for x in elements if x.name}
     if isinstance(which, str) and which in named:
@@ -96,7 +100,7 @@ def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
 
 
 def require_parameters(given: Iterable[str], left_out: Collection[str]) -> None:
-    """Refuse what is no parameter of a cable, or one that must not be given."""
+    """Raise a `CableError` for a name that is no cable parameter or in `left_out`."""
     allowed = [key for key in KEYS if key not in left_out]
     for key in given:
         if key not in allowed:
@@ -113,7 +117,7 @@ def require_spec(spec: Any) -> None:
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Raise what MuJoCo refuses as a `CableError`, in one sentence."""
+    """Turn a `ValueError` of MuJoCo into a `CableError` of one sentence."""
     try:
         yield
     except CableError:
@@ -124,7 +128,7 @@ def plain_errors() -> Iterator[None]:
 
 @contextmanager
 def muted_warnings() -> Iterator[None]:
-    """Discard MuJoCo's warnings of trial models; of the real one they come again."""
+    """Discard MuJoCo's warnings on trial models; the real one gives them again."""
     handler, said = mujoco.get_mju_user_warning(), warned_digests()
     before = said.raw
     mujoco.set_mju_user_warning(lambda _: None)
@@ -136,7 +140,7 @@ def muted_warnings() -> Iterator[None]:
 
 
 def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
-    """Return the scene of an MJCF file; a `CableError` says why it does not load."""
+    """Return the scene of an MJCF file; raise a `CableError` if it does not load."""
     require_utf8(os.fspath(path))
     try:
         return mujoco.MjSpec.from_file(os.fspath(path))
@@ -156,7 +160,7 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def error_sentence(error: ValueError) -> str:
-    """Return MuJoCo's message, once, or the plugin's own sentence within it."""
+    """Return MuJoCo's message without repetition, or the plugin's sentence in it."""
     lines: list[str] = []
     for line in str(error).split("\n"):
         # MuJoCo gives the message of a plugin twice, and cuts a long one off.

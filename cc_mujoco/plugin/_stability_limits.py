@@ -38,11 +38,11 @@ from cc_mujoco.plugin._path import OpenPath
 def stable_timesteps(
     model: MjModel, data: MjData, instance: int, out: FloatArray
 ) -> None:
-    """Compute the longest stable time steps of a cable (3,) [s].
+    """Compute the longest stable time steps of a cable, out (3,) [s].
 
-    That of the proximal end, the distal end and the pieces of an open path; infinite
-    for what moves nothing. Needs the inertia and the actuators of the present position
-    (part of `mj_fwdPosition`).
+    They are those of the proximal end, the distal end and the pieces of an open path;
+    infinite for a part that moves nothing. The inertia and the actuators must have been
+    evaluated at the present position (part of `mj_fwdPosition`).
     """
     count, kind = 0, model.plugin[instance]
     for other in range(model.nplugin):
@@ -77,8 +77,8 @@ def spring_timesteps(
 ) -> None:
     """Compute the longest stable time steps [s] of springs that act together.
 
-    `moment` has their moments on the joints, times the root of their stiffness (k, nv).
-    The limits are those of the springs from `begin` on, as many as `out` takes.
+    A row of `moment` (k, nv) has the moments of one spring on the joints, times the
+    root of its stiffness. `out` gets the limits of the springs from `begin` on.
     """
     ffi.mark_stack(data)
     solved = ffi.borrow_rows(data, moment.shape[0], moment.shape[1])
@@ -131,7 +131,10 @@ def node_moments(
     stiffness: FloatArray,
     out: ffi.FloatMatrix,
 ) -> None:
-    """Add the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv)."""
+    """Write the rows of an open path's nodes for `spring_timesteps` to `out`.
+
+    `stiffness` (n + 1,) [N/m] is that of the nodes, and `out` is (n + 1, nv).
+    """
     ffi.mark_stack(data)
     node = ffi.borrow_floats(data, led.n + 1)
     tried = ffi.borrow_floats(data, out.shape[1])
@@ -159,7 +162,10 @@ def node_moments(
 def warn_long_step(
     message: ffi.Message, model: MjModel, part: int, limit: float
 ) -> None:
-    """Warn, once for a time step, that it is beyond the limit of a part [s]."""
+    """Warn, once for a time step, that it exceeds the stability `limit` of a part [s].
+
+    `part` is 0 for the proximal end, 1 for the distal end, 2 for the open path.
+    """
     parts = "its proximal end", "its distal end", "its open path"
     start, step = message.used, model.opt.timestep
     ffi.append(message, parts[part])

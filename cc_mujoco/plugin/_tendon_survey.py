@@ -25,7 +25,7 @@ from cc_mujoco.plugin._path import OpenPath
 from cc_mujoco.plugin._warnings import RANDOM_POSES
 
 SWEEP_POSES = 21
-"""Poses of one joint, or of all together, from end to end."""
+"""Number of poses from end to end of one joint's range, or of all joints together."""
 
 
 def survey(
@@ -36,9 +36,9 @@ def survey(
     The `qpos` of `data` is left at the last pose.
 
     Returns:
-        Of p places between its ends the turning angles (k, p) [rad] and the lengths
-        along geoms (k, p) [m], 0 at sites; the lengths of its pieces (k, p + 1) [m],
-        with half of the arcs beside them.
+        For the p places between its ends the turning angles (k, p) [rad] and lengths of
+        contact with geoms (k, p) [m], 0 at sites; then the lengths of the pieces from
+        place to place (k, p + 1) [m], each with half of the arcs beside it.
     """
     places = int(model.tendon_num[tendon]) - 2
     turn, contact = np.zeros((2, len(poses), places))
@@ -90,9 +90,9 @@ def piece_timesteps(
 ) -> FloatArray:
     """Return time steps below which the pieces of a tendon would be stable (k,) [s].
 
-    As a cable of `axial_stiffness` EA [N] on an open path of its own, with the segments
-    that it has by default, and without others. The `qpos` of `data` is left at the last
-    of the `poses` (k, nq).
+    They hold for one cable of `axial_stiffness` EA [N] on an open path along the
+    tendon, with the default number of segments and no other cables. The `qpos` of
+    `data` is left at the last of the `poses` (k, nq).
     """
     found = np.full(len(poses), math.inf)
     for i, pose in enumerate(poses if model.nv else ()):
@@ -130,7 +130,10 @@ def _timestep(
 
 @compiled
 def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
-    """Read the guides of a cable by its route (p,), 0 before the cable's mouth."""
+    """Write the guides of a cable at the places between its route's ends to `out` (p,).
+
+    The numbers are those of `_attachments.read_guides`, and 0 before the mouth.
+    """
     place = 0
     if config.is_mixed(ffi.attributes(model, instance)):
         place = attachments.find_mouth(model, instance, tendon)
@@ -139,7 +142,7 @@ def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> 
 
 
 def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
-    """Return the joints that move a part of a spatial tendon against the rest."""
+    """Return the joints that move one part of a spatial tendon against another."""
     start = int(model.tendon_adr[tendon])
     bodies = set()
     for k in range(start, start + int(model.tendon_num[tendon])):
@@ -156,9 +159,9 @@ def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
 def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
     """Return poses over the ranges of the joints of a tendon (k, nq), `rest` first.
 
-    Equalities between joints are ignored, so some poses may be out of reach. A slide
-    without a range goes by the length of the tendon to either side, a hinge half a
-    turn.
+    Equalities between joints are ignored, so some poses may be out of reach. A joint
+    without a range moves to either side: a slide by the length of the tendon, a hinge
+    by half a turn.
     """
     low, high = np.zeros((2, model.nv))
     dofs: list[int] = []
@@ -188,7 +191,10 @@ def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
 def _range(
     model: mujoco.MjModel, rest: FloatArray, joint: int, reach: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far a joint goes from `rest`, a slide without a range by `reach`."""
+    """Return the lowest and highest motion of a joint from `rest` [rad or m].
+
+    A slide without a range moves by `reach` [m] to either side.
+    """
     kind, limited = model.jnt_type[joint], bool(model.jnt_limited[joint])
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         far = np.array(3 * [reach] + 3 * [math.pi])

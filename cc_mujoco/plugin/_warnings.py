@@ -26,7 +26,7 @@ from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._instance_data import Block, Pair
 
 RANDOM_POSES = 200
-"""Poses in which a path is tried for geoms that it never touches."""
+"""Number of random poses in which a path may touch a geom before a warning."""
 NO_PASSIVE = (
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
@@ -35,12 +35,12 @@ NO_TIMESTEP = (
     "not pull"
 )
 _PATH = 2
-"""The path of an open cable; 0 and 1 are the proximal and the distal end."""
+"""Index of an open cable's path; 0 and 1 are its proximal and distal end."""
 
 
 @internal
 def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
-    """Begin a message at the address of its room with the name of its instance."""
+    """Begin a message on an instance in the zeroed memory at address `room`."""
     message = ffi.message_at(room)
     for part in ("plugin `", PLUGIN, "`, instance "):
         ffi.append(message, part)
@@ -65,9 +65,9 @@ def warn_once(model: MjModel, instance: int, sentence: ffi.Bytes) -> None:
 
 @internal
 def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
-    """Warn, once, why a cable does not pull, or does so with no finite tension.
+    """Warn, once, why a cable does not pull, or has no finite tension.
 
-    Data on which MuJoCo has called no `init` have no cables.
+    Data on which MuJoCo has never called `init` have no cables, and cause no warning.
     """
     if (
         instance < data.nplugin
@@ -98,10 +98,10 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
 def refuse_open_path(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> int:
-    """Find out why a cable cannot lie open along a tendon.
+    """Check that a cable can run openly along a tendon.
 
-    Return the key that cannot be used or `VALID`; the message grows by what
-    `_config.explain` cannot report.
+    Return the key that cannot be used or `VALID_CONFIGURATION`. Reasons for refusal
+    that `_config.explain` cannot report are appended to `message`.
     """
     if path.has_branches(model, tendon):
         return int(config.KEY.path)
@@ -150,11 +150,12 @@ def has_no_passive(model: MjModel) -> bool:
 def _no_effect_reason(
     arcs: int, places: int, mouth: int, tied: tuple[int, int], key: int
 ) -> ffi.Bytes:
-    """Return why a key of an open cable is without effect, or an empty text.
+    """Return the reason why a key of an open cable has no effect, or an empty text.
 
-    `arcs` geoms and sites with a radius and `places` of all kinds rub in its path.
-    `mouth` is the place of the conduit's mouth in it, 0: none. `tied` tells of both
-    ends whether they are tied to the tendon.
+    `places` is the number of sites and geoms with friction in its path, `arcs` the
+    number of them that are geoms or sites with a radius, `mouth` the index of the
+    conduit's mouth, 0: none. `tied` tells whether the proximal and the distal end are
+    tied to the tendon.
     """
     if mouth == 0 and places == 0 and key == config.KEY.friction:
         return "the path rubs at no site and on no geom"
@@ -226,10 +227,10 @@ def warn_short_conduit(
 
 @internal
 def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
-    """Return how far apart the ends of a conduit are at least [m].
+    """Return a lower bound of the distance between the ends of a conduit [m].
 
-    Where it has a route they are the ends of that, or the mouth. Without one they are
-    no farther than a pulley's radius from the joints of the ends, or at a site of their
+    If it has a route, these are the route's ends, or its start and the mouth. If not,
+    they are within a pulley's radius of the joints of the ends, or at sites of their
     tendons.
     """
     attributes = ffi.attributes(model, block.instance)
@@ -267,10 +268,10 @@ def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
 def _end_point(
     model: MjModel, data: MjData, actuator: int, tendon: int, place: int
 ) -> int:
-    """Return the address of a position that an end may have.
+    """Return the address of a point where an end may be.
 
-    That is the site at `place` of its tendon, 0 where that place is no site, or the
-    anchor of its joint where `tendon` is below 0.
+    That is the site at `place` of its tendon, or the anchor of its joint if `tendon` is
+    below 0. It is 0 if that place is no site.
     """
     if tendon < 0:
         return int(data.xanchor.ctypes.data + 24 * model.actuator_trnid[actuator, 0])
@@ -282,14 +283,14 @@ def _end_point(
 
 @internal
 def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
-    """Warn, once, of ends that a step does not resolve, by their limits (2,) [s].
+    """Warn, once, if the time step does not resolve the vibration of the ends.
 
-    Counted are the steps in a period of the slower end, on a cable that slips as a
-    whole. Of 300 drawn rigs (EA 10 kN to 100 MN, motors of 1e-5 to 1e-2 kg m^2, steps
-    of 0.5 to 10 ms) a tension errs by more than 10 % RMS in 53 % of those with less
-    than 1 step, 36 % with 1 to 3, 17 % with 3 to 8 and 7 % with 8 to 10. With more, and
-    under RK4 with more than 5, only those do whose friction of 0.05 or less does not
-    damp the vibration.
+    Counted are steps in a period of the slower end on a cable that slips as a whole;
+    `limits` are the longest stable steps of both ends [s]. Of 300 random rigs (EA 10 kN
+    to 100 MN, motors of 1e-5 to 1e-2 kg m^2, steps of 0.5 to 10 ms) a tension errs by
+    more than 10 % RMS in 53 % of those with less than 1 step, 36 % with 1 to 3, 17 %
+    with 3 to 8 and 7 % with 8 to 10. With more, and under RK4 with more than 5, only
+    those do whose friction of 0.05 or less does not damp the vibration.
     """
     slower = 0.0
     for end in range(2):
@@ -315,7 +316,7 @@ def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
 
 @internal
 def warn_soft_on_drum(model: MjModel, block: Block) -> None:
-    """Warn, once, of rope on a drum so soft that its slip there is no small loss."""
+    """Warn, once, of a rope so soft that its slip on a drum takes much work."""
     prm, winds = blocks.parameters(block), False
     for end in range(2):
         joint = attachments.holding_joint(model, block.actuators[end])
@@ -344,7 +345,7 @@ def warn_soft_on_drum(model: MjModel, block: Block) -> None:
 def _cannot_pull_reason(
     model: MjModel, instance: int, actuator: int, end: int
 ) -> ffi.Bytes:
-    """Return why an end can never pull, as the end of a sentence, or an empty text."""
+    """Return the reason why an end can never pull, or an empty text."""
     if attachments.pushes(model, actuator, end == 1):
         return (
             " pushes its tendon apart, so the cable stays slack: the `gear` of a "
@@ -380,7 +381,7 @@ def warn_cannot_pull(model: MjModel, instance: int) -> None:
 def _mark_touched(
     model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes
 ) -> None:
-    """Mark with 1 sites in a path, and geoms that it touches in some pose."""
+    """Write 1 to `touched` for sites of a path and geoms that it touches in a pose."""
     start = model.tendon_adr[tendon]
     missing = 0
     for place in range(touched.size):
@@ -416,7 +417,7 @@ def _mark_touched(
 def _mark_touched_now(
     model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes
 ) -> int:
-    """Mark the geoms that a path touches at the last position; return how many anew."""
+    """Mark geoms that a path touches at the last position; return how many are new."""
     start, begin = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     end = begin + data.ten_wrapnum[tendon]
     found = 0
@@ -516,7 +517,7 @@ def checksum(positions: FloatArray) -> float:
 
 @internal
 def position_changed(positions: FloatArray, led: float) -> bool:
-    """Return whether `qpos` is another than that of checksum `led`."""
+    """Return whether `qpos` has another `checksum` than `led`, but for rounding."""
     size = 1.0
     for k in range(positions.size):
         size += abs(positions[k])
@@ -542,7 +543,7 @@ def save_poses(model: MjModel, data: MjData, block: Block) -> None:
 
 @internal
 def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
-    """Return how far mocap bodies can have moved a tendon in the last step [m]."""
+    """Return a bound of a tendon's change in the last step by mocap bodies [m]."""
     if lead.mocap_poses == 0:
         return 0.0
     count, total = model.nmocap, 0.0
@@ -593,18 +594,19 @@ def warn_jump(
     ends: Pair,
     stage: int,
 ) -> None:
-    """Warn, once, of an end, or the path at a stage, that jumped from the state's.
+    """Warn, once, if an end or the path has jumped since the committed state.
 
     After `qpos` is set, a keyframe is loaded or a state is restored without its
-    `plugin_state`, the cable still lies where it lay. It is pulled to the new pose
-    within one step, with forces that no motion would cause: `settle` was not called.
-    The state of the cable holds a checksum of the pose after the last step, which shows
-    that `qpos` has been changed since. Then a motion without velocity counts if it
-    changes the tension by 1 %. A joint that is led by hand in every step moves by its
-    velocity: allowed is the larger of those before and after the step, as the latter is
-    zero where it reverses. A path also jumps where MuJoCo leads its tendon the other
-    way around a geom; this creates energy. A mocap body has no velocity, so its motion
-    is measured by its pose.
+    `plugin_state`, the cable is still in its old configuration. Unless `settle` is
+    called, one step pulls it to the new pose, with forces that no motion would cause. A
+    checksum in the state shows that `qpos` has changed since the last step; then a
+    motion without velocity counts if it changes the tension by 1 %. A joint whose
+    `qpos` is set in every step moves by its velocity: allowed is the larger of those
+    before and after the step, as the latter is zero if it reverses. A path also jumps
+    if MuJoCo leads its tendon the other way around a geom; this creates energy. A mocap
+    body has no velocity, so its motion is measured by its pose. `ends` are
+    displacements [m], `state` is the address of the committed state, and `stage` is
+    that of the path.
     """
     block = blocks.block_at(data, instance)
     if block.explicit_ends != 0:  # which joints that are led by hand need

@@ -1,4 +1,4 @@
-"""Account of cables that a model was given, and of what acted on their tendons."""
+"""Reports on cables that a model was given, and on what acted on their tendons."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def actuator_label(model: mujoco.MjModel, actuator: int) -> str:
 
 
 def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) -> str:
-    """Return the line of a tendon among several: its cables, what is on its winch."""
+    """Return one line on a tendon: its cables, and what its winch has taken over."""
     moved = [actuator_label(original, i) for i in burden.actuators]
     moved += burden.fields
     if burden.equalities:
@@ -173,7 +173,10 @@ def describe_band(burden: Burden, stiffness: float, pretension: float) -> str:
 
 
 def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str:
-    """Return the line that tells where the ends of cables are among the actuators."""
+    """Return the line on the places of cable ends in `ctrl`.
+
+    `before` is the number of actuators that the model had without the cables.
+    """
     ends = [model.actuator(f"{name}_{end}").id for name in cables for end in ENDS]
     places = sorted(int(model.actuator_ctrladr[end]) for end in ends)
     text = "the places of all others stay"

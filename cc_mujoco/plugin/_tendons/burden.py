@@ -87,9 +87,9 @@ class Burden:
 
 
 def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burden:
-    """Return what acts on a spatial tendon as a whole.
+    """Return the `Burden` of a spatial tendon: all that acts on it as a whole.
 
-    Refuse one that is fixed, or that belongs to a cable already.
+    Raise a `CableError` for a fixed tendon, or one that belongs to a cable already.
     """
     own, index = spec.tendon(tendon), model.tendon(tendon).id
     if model.wrap_type[model.tendon_adr[index]] == mujoco.mjtWrap.mjWRAP_JOINT:
@@ -230,10 +230,9 @@ def keep_constraints(
     """Make limits, dry friction and equalities of winches as stiff as the tendons'.
 
     MuJoCo scales the regularisation of a constraint by the inverse of the inertia that
-    it moves, of which a winch has little. A constraint also resists like an inertia of
-    its own, and what the light winch has of speed would count as the momentum of that:
-    limits and dry friction therefore stop a winch within a step, as a spring and a
-    dashpot do.
+    it moves, and a winch has little inertia. A constraint also resists like an inertia,
+    to which the speed of a light winch would give momentum. So limits and dry friction
+    get the parameters of a spring and a dashpot that stop a winch within a step.
     """
     tendon_of = {burden.winch: burden.tendon for burden in burdens}
     step, equalities = original.opt.timestep, set[int]()
@@ -270,9 +269,10 @@ def _inverse_weight(model: mujoco.MjModel, tendon: str) -> float:
 def _as_spring(
     solimp: FloatArray, solref: FloatArray, inverse: float, step: float
 ) -> tuple[float, float]:
-    """Return the stiffness [N/m] and the damping [N s/m] of a constraint.
+    """Return stiffness [N/m] and damping [N s/m] of a constraint by its `solref`.
 
-    See MuJoCo's `solref`; `inverse` is an inverse inertia [1/kg], `step` in seconds.
+    `inverse` is the inverse of the inertia that it moves [1/kg], `step` the time step
+    [s].
     """
     most = float(np.clip(solimp[1], mujoco.mjMINIMP, mujoco.mjMAXIMP))
     weight = most / ((1.0 - most) * inverse)
@@ -286,7 +286,10 @@ def _as_spring(
 def _as_constraint(
     stiffness: float, damping: float, inverse: float, step: float
 ) -> tuple[list[float], list[float]]:
-    """Return the `solimp` and `solref` that make these, as `_as_spring` has them."""
+    """Return `solimp` and `solref` of a constraint with this stiffness and damping.
+
+    It is the inverse of `_as_spring`, with the same units.
+    """
     weight = damping * step
     impedance = min(weight * inverse / (1.0 + weight * inverse), mujoco.mjMAXIMP)
     weight = impedance / ((1.0 - impedance) * inverse)
@@ -296,7 +299,10 @@ def _as_constraint(
 
 
 def _rescale(equality: Any, ratio: float) -> None:
-    """Change an impedance so that it leaves the regularisation as it was."""
+    """Change `solimp` of an equality so that its regularisation stays what it was.
+
+    `ratio` is the inverse inertia that it moved before, over the present one.
+    """
     if not ratio > 0.0:
         return
     solimp = np.array(equality.solimp)
@@ -314,7 +320,7 @@ def _rescale(equality: Any, ratio: float) -> None:
 def held_tension(original: mujoco.MjModel, burden: Burden) -> float:
     """Return the tension that the dry friction of a tendon holds in `qpos0` [N].
 
-    None where its friction would have to push, or where it has pulleys.
+    It is 0 if friction would have to push, or if the tendon has pulleys.
     """
     if "frictionloss" not in burden.fields or burden.has_pulleys:
         return 0.0

@@ -41,11 +41,11 @@ from cc_mujoco.plugin._tendons import winch as winching
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
 
 MAX_STIFFNESS = 50e3
-"""Axial stiffness of a tendon taken over, where its time step bears it [N]."""
+"""Default axial stiffness EA [N] of such cables, if the time step allows for it."""
 _MAX_STRAIN = 0.2
-"""Strain under load up to which such a tendon stays stable and settles.
+"""Largest strain under load at which a cable of default stiffness is stable.
 
-A piece of it gets stiffer with its strain, and a pull that sets in at once overshoots.
+A piece becomes stiffer with its strain, and a sudden pull overshoots.
 """
 T = TypeVar("T")
 Each: TypeAlias = T | Mapping[str | int, T]
@@ -205,7 +205,7 @@ def add_friction(
 
 @dataclasses.dataclass
 class _Takeover:
-    """A tendon that becomes cables."""
+    """A tendon that is turned into cables: the arguments, and what was planned."""
 
     burden: burdens.Burden  # loads on the tendon
     motor: tuple[Any, float] | None  # drum at its proximal end, if any
@@ -225,12 +225,12 @@ class _Takeover:
 
     @property
     def stiffens(self) -> bool:
-        """True if its cables are as stiff as the time step bears."""
+        """True if its cables get the largest stiffness that the time step allows."""
         return self.winch is not None and "axial_stiffness" not in self.given
 
 
 def _name_of(spec: mujoco.MjSpec, which: Any) -> str:
-    """Return the name of a tendon given by its name or index; give it one without."""
+    """Return the name of a tendon given by name or index; name it if it has none."""
     found = specs.find_element("tendon", which, spec.tendons)
     if not found.name:
         name, names = f"tendon_{which}", {tendon.name for tendon in spec.tendons}
@@ -255,7 +255,10 @@ def _plan(
     takeovers: list[_Takeover],
     guides: Any,
 ) -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    """Choose winches and cables; return models with the winches, and with all."""
+    """Choose the winch and the cables of each tendon, and store them in `takeovers`.
+
+    Return two compiled models: with the winches only, and with the cables too.
+    """
     at_guides = _checked_guides(guides, [takeover.burden for takeover in takeovers])
     for takeover in takeovers:
         burden = takeover.burden
@@ -346,10 +349,10 @@ def _lay(
     held: float,
     guides: tuple[tuple[str, Any], ...],
 ) -> None:
-    """Give a takeover cables as long and as bent as the paths of its branches.
+    """Create the cables of a tendon, as long and as bent as the paths of its branches.
 
-    `model` has its winch, `data` is at `qpos0`, where dry friction `held` a tension
-    [N].
+    `model` contains its winch, `data` is at `qpos0`, and `held` is the tension that dry
+    friction holds there [N].
     """
     burden, values = takeover.burden, {"path": "open", **takeover.given}
     if takeover.winch is not None:
@@ -441,7 +444,7 @@ def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
 def _refuse_soft(
     original: mujoco.MjModel, burden: burdens.Burden, stiffness: float
 ) -> None:
-    """Refuse a default stiffness [N] that the pull of the actuators overloads."""
+    """Raise a `CableError` if a default stiffness [N] is too soft for its actuators."""
     bearable, step = _MAX_STRAIN * stiffness, original.opt.timestep
     pull = winching.largest_pull(original, burden)
     if pull > bearable:
@@ -456,10 +459,10 @@ def _refuse_soft(
 
 
 def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
-    """Set the axial stiffness that the time step bears.
+    """Set `bearable` of all takeovers: the largest stable axial stiffness EA [N].
 
-    The pieces of cables do in the pose `qpos0`, in keyframes and over the ranges of the
-    joints. `spec`, which is not changed, has the winches.
+    The pieces of the cables are then stable in `qpos0`, in keyframes and over the
+    ranges of the joints. `spec`, which is not changed, contains the winches.
     """
     tried = spec.copy()
     _write_cables(tried, takeovers)

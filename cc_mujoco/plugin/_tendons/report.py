@@ -125,7 +125,7 @@ class TendonSummary:
 
     @property
     def max_loss(self) -> float:
-        """Largest loss over the ranges of the joints."""
+        """Largest such part over the ranges of the joints."""
         return _loss(self.friction, self.max_turn)
 
     @property
@@ -142,7 +142,7 @@ class TendonSummary:
 
     @property
     def warning(self) -> str:
-        """Sentence on a tendon that loses more than 0.3 in this pose, else empty."""
+        """Sentence if friction takes more than 0.3 of the tension now, else empty."""
         if self.in_conduit or self.loss <= 0.3:
             return ""
         cause = ""
@@ -381,9 +381,10 @@ def _summarize(
     given: Cable,
     friction: float | None,
 ) -> TendonSummary:
-    """Summarize a tendon from the pose `rest` (nq,), with `friction` of any cable.
+    """Return the summary of a tendon, whose present pose is `rest` (nq,).
 
-    Where there is no cable, or it is in a conduit, the material is that of `given`.
+    `friction` replaces that of `cable` if it is given. Without a cable, and inside a
+    conduit, friction and stiffness are those of `given`.
     """
     joints = surveys.spanned_joints(model, tendon)
     poses = surveys.sweep(model, rest, tendon)
@@ -479,7 +480,7 @@ def _label(model: mujoco.MjModel, kind: str, index: int) -> str:
 
 
 def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
-    """Return why a tendon cannot be reported on, as the end of a sentence, or ""."""
+    """Return the reason why a tendon cannot be reported on ("is fixed"), or ""."""
     start = int(model.tendon_adr[tendon])
     kinds = model.wrap_type[start : start + int(model.tendon_num[tendon])]
     if mujoco.mjtWrap.mjWRAP_PULLEY in kinds:
@@ -488,7 +489,10 @@ def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def _role(model: mujoco.MjModel, tendon: int, on: dict[int, str]) -> str:
-    """Return why a tendon, `on` which cables are, is left out, or ""."""
+    """Return the reason why a tendon is left out of a report on all tendons, or "".
+
+    `on` has the cable of each tendon that is a route.
+    """
     cables = instances(model)
     if tendon in on:
         guided = cable_of(model, cables[on[tendon]], on[tendon]).path == PATHS[0]

@@ -1,8 +1,8 @@
 """Winch at the first site of a tendon, which takes over what acted on it as a whole.
 
-A tendon of MuJoCo has one force along its whole length, F, and feels it everywhere. A
-cable with friction has a tension for every piece, so nothing can act on it as a whole:
-what did so must act at its first site. There a *winch* holds the proximal end: a joint
+A tendon of MuJoCo has one force F along its whole length. A cable with friction has a
+tension for every piece, so nothing can act on it as a whole: what did so must act at
+its first site. There a *winch* holds the proximal end: a joint
 `s`, by default a light slide, that is the length of tendon paid out, and a fixed tendon
 `<tendon>_winch` of the length s, on which everything moves that acted on the tendon
 itself: actuators, spring, damper, dry friction, limit, armature, equalities. Without
@@ -53,15 +53,15 @@ class Winch:
 
     @property
     def lever(self) -> float:
-        """Return the length of tendon by unit of joint: 1, or the radius [m]."""
+        """Length of tendon per unit of its joint: 1 for a slide, or the radius [m]."""
         return self.radius or 1.0
 
 
 def _measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, FloatArray]:
-    """Measure tendons in the pose `qpos0`, in keyframes and over the joints' ranges.
+    """Measure tendons in the poses of `sample_poses`, of which `qpos0` is the first.
 
-    Return the lengths [m] and the inertias that they move [kg] (2, poses) by tendon, of
-    `qpos0` first; the inertias are infinite where nothing moves.
+    Return, by tendon, its lengths [m] and the inertias that it moves [kg] (2, poses).
+    An inertia is infinite if nothing moves.
     """
     data, poses = mujoco.MjData(model), sample_poses(model)
     found = {tendon: np.empty((2, len(poses))) for tendon in tendons}
@@ -150,10 +150,11 @@ def _stable_winch(
     stiffness: float,
     drag: float,
 ) -> Winch:
-    """Return a winch with inertia and damping that bear what acts on it.
+    """Return `trial` with inertia and damping at which it is stable.
 
-    `trial` has the inertia that each of its branches moves, `drum` is as in
-    `plan_winches`, `stiffness` [N/m] and `drag` [N s/m] are those of what acts on it.
+    `trial` has the inertia that each of its branches moves [kg]. `drum` has a radius
+    [m] and an inertia [kg m^2], None for a light slide. `stiffness` [N/m] and `drag` [N
+    s/m] are those of what acts on the winch.
     """
     burden = trial.burden
     step, off = original.opt.timestep, original.opt.disableflags
@@ -198,8 +199,8 @@ def _stable_winch(
 def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
     """Return the largest tension that the actuators of a tendon make in a branch [N].
 
-    That of motors and muscles whose command is limited and of all whose force is; 0 for
-    others, of which no limit is known.
+    Counted are motors and muscles with a limited command, and all actuators with a
+    limited force. The force of others is unknown and counts as 0.
     """
     data = mujoco.MjData(original)
     pulls = [0.0] * len(burden.actuators)
@@ -229,7 +230,10 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
 def _drive_slopes(
     model: mujoco.MjModel, winch: Winch, lengths: FloatArray
 ) -> tuple[float, float]:
-    """Return the largest stiffness [N/m] and damping [N s/m] of a winch's load."""
+    """Return the largest stiffness [N/m] and damping [N s/m] of what acts on a winch.
+
+    `lengths` (branches, poses) [m] are those at which they are measured.
+    """
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in winch.names]
     index = model.tendon(winch.burden.winch).id
@@ -279,10 +283,10 @@ def write_winches(
     winches: list[Winch],
     model: mujoco.MjModel | None = None,
 ) -> mujoco.MjModel:
-    """Write winches and move to them what acts on their tendons.
+    """Write winches and retarget to them what acts on their tendons.
 
     In `spec` the branches have tendons already; `original` is the model before. Return
-    `spec` with the winches compiled, which is `model` where that is known.
+    the compiled `spec` with the winches, or `model` if that is given.
     """
     for winch in winches:
         _write_winch(spec, original, winch)
@@ -295,9 +299,9 @@ def write_winches(
 def _write_winch(
     spec: mujoco.MjSpec, original: mujoco.MjModel, winch: Winch, probing: bool = False
 ) -> None:
-    """Write a winch and move to it what acts on its tendon.
+    """Write a winch and retarget to it what acts on its tendon.
 
-    With `probing` without limits, dry friction, equalities and sensors.
+    With `probing`, leave out limits, dry friction, equalities and sensors.
     """
     burden = winch.burden
     for name, length, inertia, damping in zip(
@@ -345,7 +349,10 @@ def _write_winch(
 def _move_actuator(
     actuator: Any, original: mujoco.MjModel, place: int, winch: str
 ) -> None:
-    """Let an actuator pull a winch, with all that depended on its tendon as it was."""
+    """Let an actuator pull a winch; keep its length range, damping and strength.
+
+    MuJoCo would derive these from the winch instead of the tendon.
+    """
     actuator.target = winch
     out = original.actuator_outadr[place]
     if original.actuator_lengthrange[out].any():
@@ -389,7 +396,10 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
 def _pose_keyframes(
     spec: mujoco.MjSpec, original: mujoco.MjModel, winches: list[Winch]
 ) -> None:
-    """Pay out in every keyframe what its pose takes; move what springs have yielded."""
+    """Set each winch in every keyframe to the length of its tendon in that pose.
+
+    The plastic stretch of springs moves along (MuJoCo 4.0 and later).
+    """
     if not spec.keys:
         return
     model = compile_spec(spec)  # its keyframes follow
@@ -410,7 +420,10 @@ def _pose_keyframes(
 def _moved_plastic(
     original: mujoco.MjModel, model: mujoco.MjModel, winches: list[Winch], key: int
 ) -> FloatArray:
-    """Return a keyframe's plastic state, which MuJoCo keeps by its place alone."""
+    """Return the plastic state of a keyframe in the order of `model`.
+
+    MuJoCo would keep it in the order of `original`.
+    """
     before, after = _plastic_parts(original), _plastic_parts(model)
     for winch in winches:
         source = "tendon", winch.burden.index

@@ -16,14 +16,14 @@ CAMERA = "overview"
 """Camera that a scene may have for pictures; without one its first camera serves."""
 
 MAX_SURROUNDINGS = 3.0
-"""Largest size of what stands around a device over that of its moving parts."""
+"""Largest ratio of the size of all geoms to that of the moving ones."""
 
 
 IMAGE_SIZE = (480, 854)
 """Height and width [pixels]."""
 
 RENDER_RATE = 30
-"""Pictures drawn per simulated second; a film needs no more [1/s]."""
+"""Images drawn per simulated second; a video needs no more [1/s]."""
 
 RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"]}
 """Metadata of every environment, by Gymnasium's names."""

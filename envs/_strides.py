@@ -23,7 +23,7 @@ class Stride(NamedTuple):
     time: float
     """Duration [s]."""
     length: float
-    """Way of the right heel [m]."""
+    """Distance that the right heel has moved [m]."""
     step_time: Array
     """Time from the other foot's strike to that of the right, left foot (2,) [s]."""
     step_length: Array

@@ -139,12 +139,12 @@ class DeviceVectorEnv(
             self.simulations = WarpWorlds(exo, num_envs, found)
         self._episodes = Episodes(exo, self.simulations, num_envs)
         self.plants = self._episodes.plants
-        """Plant that every environment is played on."""
+        """Plant of the present episode of every environment."""
         self._last = exo.samples
         if max_episode_steps is not None:
             self._last = min(self._last, hold * max_episode_steps)
         self.episode_steps = self._last // hold
-        """Steps of an episode that nothing ends early."""
+        """Steps of a complete episode."""
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._was_reset = False

@@ -27,10 +27,10 @@ from cc_mujoco.device._materials import area
 from cc_mujoco.errors import CableError
 
 EXAMPLE = Path(__file__).with_name("costs.csv")
-"""The table that holds unless another is given."""
+"""Table of costs that is used by default."""
 
 PARTS = dict(motor="piece", pulley="piece", rope="m", conduit="m", fittings="cable")
-"""Parts that every table has, and what a cost is per."""
+"""Parts that every table of costs must have, and the unit that a cost is for."""
 
 _ALLOWED = PARTS | dict.fromkeys(MOTORS, "piece") | dict.fromkeys(MATERIALS, "m")
 

@@ -29,7 +29,7 @@ from cc_mujoco.device._variables import VARIABLES, Value, find
 from cc_mujoco.errors import CableError
 
 MAX_DESIGNS = 1_000_000
-"""Most designs that fit into memory, and into weeks: each takes a second or so."""
+"""Largest number of designs, limited by memory and time: each takes about a second."""
 
 
 @dataclass(frozen=True)

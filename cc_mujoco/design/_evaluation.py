@@ -53,8 +53,8 @@ Real = TypeVar("Real", float, Array)
 Design = dict[str, Value]
 
 SWING_TIME = 2.0
-"""Length of a swing of the backlash test [s]. Swings go as far as the scene's own motor
-would if nothing rubbed."""
+"""Period of the sine in the backlash test [s]; its amplitude is the largest torque of
+the scene's motor without friction."""
 
 CHIRP_TIME = 6.0  # duration of the chirp that the bandwidth is measured with [s]
 

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 TRUST_REGION = 0.1
 """Share of a variable's range, to either side, over which slopes are trusted."""
 OBJECTIVE_TOLERANCE = 0.01
-"""Share of an objective that counts as no worse where another is improved."""
+"""Share of an objective by which it may worsen while another is improved."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def _number(value: object) -> float:
 MAX_CHECKED_DESIGNS = 6  # designs that are tried at most
 TOLERATED_CHANGE = 0.05  # change of a number that is not worth a word
 MIN_RANGE_SHARE = 0.05
-"""Part of the range of all designs; the change of a smaller number is over this."""
+"""Least size of a number for relative changes, as a share of all designs' range."""
 
 
 @dataclass(frozen=True)

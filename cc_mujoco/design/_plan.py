@@ -58,7 +58,7 @@ from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
 _LONGEST_TEXT = 200
-"""Characters of a trajectory's `repr` that stand in a description as they are."""
+"""Length of a trajectory's `repr` above which a digest replaces it."""
 
 VALUES_KEY = "values"
 """Key of a study's description: a digest of each variable's values."""

@@ -34,7 +34,7 @@ DEFAULT_METRICS = (
     "bandwidth", "response", "reflected_inertia", "cable_mass", "mass", "bend_ratio",
     "bending_stress",
 )  # fmt: skip
-"""Metrics that are measured where none is chosen, of designs that have them."""
+"""Metrics that are measured by default, if designs have them."""
 DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
 """Metrics that rank designs where no objective is given, of those that were measured:
 tracking of the task, resistance without power, size of the motor.
@@ -42,7 +42,7 @@ tracking of the task, resistance without power, size of the motor.
 HELD_TESTS = ("backlash", "bandwidth")
 COST_METRIC = "cost"  # metric that a table of costs is for
 CONTROLLER_METRIC = "rms_torque_error"
-"""Metric that is least with the best of several controllers."""
+"""Metric that selects the best of several controllers: the least is best."""
 _OF_MOTOR = ("motor_mass", Key.CONTINUOUS_TORQUE, Key.WINDING_RESISTANCE,
              Key.TORQUE_CONSTANT)  # fmt: skip
 REQUIRED_VARIABLES = {
@@ -50,8 +50,8 @@ REQUIRED_VARIABLES = {
     "rope_density": ("material", "rope_density"),
     **{name: ("motor", name) for name in _OF_MOTOR},
 }
-"""Variables of which a design must have one for a metric that needs this constant,
-since no scene has it."""
+"""Variables by the constant that they give: a metric that needs it needs designs with
+one of them, since no scene has it."""
 
 
 @dataclass(frozen=True)

@@ -42,11 +42,11 @@ _KEY_NAMES = {
     "turned": "objectives",
     "own": "metrics of the user",
 }
-"""Words for entries of a description whose names mean nothing outside."""
+"""Words in messages for keys of a study's description that users do not know."""
 FAILED_COLUMN = "failed"
-"""Column of why a design failed; behind `failed@` why it did with a controller."""
+"""Column of the reason why a design failed; `failed@NAME` is that of a controller."""
 CONTROLLER_COLUMN = "controller"
-"""Column of the controller that metrics are of, where several were tried."""
+"""Column of the controller of the metrics, if several were tried."""
 
 
 class Store:

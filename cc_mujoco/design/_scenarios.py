@@ -28,7 +28,7 @@ from cc_mujoco.errors import CableError, look_up
 Case = dict[str, Value]
 
 RANK_NAMES = {"worst": "worst", "p90": "90th percentile", "mean": "mean"}
-"""Choices of a design's number among those of its cases, for a reader."""
+"""Names, for readers, of the statistics that aggregate a metric over cases."""
 
 LEAST_SUFFIX, MOST_SUFFIX, WORST_CASE_SUFFIX = "least", "most", "worst_case"
 """Behind `METRIC@`: the least and the greatest number, and the name of the worst case,

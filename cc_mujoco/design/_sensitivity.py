@@ -35,7 +35,7 @@ Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]
 """First order, total, pairs."""
 
 LOG2_POINTS = 11
-"""The estimates use 2 to this many points, those of errors a quarter of them."""
+"""Logarithm (base 2) of the number of points of an estimate; errors use a quarter."""
 
 
 @dataclass(frozen=True)

@@ -90,27 +90,26 @@ class Axis:
     cables: tuple[str, ...]
     """Cables that the motor winds."""
     pull_pull: bool
-    """True if two cables hold each other taut, so that both slack is a failure."""
+    """True if two cables keep each other taut; both slack is then a failure."""
     torque: float
     """Largest torque of the motor at its drum [N m]."""
     reach: float
-    """Largest excursion of named trajectories from `centre` [rad]; leaves room before
+    """Amplitude limit of built-in trajectories about `centre` [rad]; leaves room before
     the stops."""
     centre: float
-    """Angle about which named trajectories move [rad]."""
+    """Angle about which built-in trajectories move [rad]."""
     torque_scale: float
     """Torque error that costs a reward of 1 per second [N m]."""
     units: Mapping[str, float]
-    """Observed columns by name, and the size that counts as 1; see `Observed`."""
+    """Observed columns by name, and the value that divides each; see `Observed`."""
     task: str
     """Default task: torque that the device renders at the joint."""
     safe_torque: float = math.inf
-    """Most that the cables may put into the joint of a wearer [N m]."""
+    """Largest torque that the cables may put into the joint of a wearer [N m]."""
     safe_is_assumed: bool = False
-    """True if that torque is not given, so that it follows from motor and task.
-    """
+    """True if `safe_torque` is not given, but follows from motor and task."""
     slip: Slip = Slip()
-    """Friction of the cables, where it follows."""
+    """Friction of the cables, from which an assumed `safe_torque` follows."""
     safe_speed: float = math.inf
     """Speed of that joint beyond which the motor brakes [rad/s]."""
     safe_power: float = math.inf
@@ -119,8 +118,8 @@ class Axis:
     """Inertia of the motor's pulley about its axis [kg m^2], which grows as radius^4;
     0 where unknown."""
     gearing: float | None = None
-    """Turns of the rotor per turn of the motor's pulley; None where the scene has a
-    geared motor and states no more of it."""
+    """Turns of the rotor per turn of the motor's pulley; None if the scene has a geared
+    motor and does not state its ratio."""
     joint_pulley: float = 0.0
     """Inertia of the joint's pulley [kg m^2]; 0 for a lever, which keeps its own."""
     lever: tuple[str, ...] = ()

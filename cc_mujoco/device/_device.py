@@ -93,7 +93,7 @@ class Device(Nominal):
         self.files = _user_files(name, scene, table_path, measured)
         """Files of the user that define it: scene, description, what these include."""
         self._original: mujoco.MjSpec | None = None
-        """Specification that it was made of, which its copies point into."""
+        """Specification that it was made of; kept alive, as its copies refer to it."""
         self.path: Path | None = scene
         """Path of the scene; None where the device was made of a specification."""
         self._read(spec, name, table, timestep, given)

@@ -52,14 +52,14 @@ class Drive:
     period: float
     """Time between two calls of a controller [s]."""
     one_way: bool = False
-    """True if the cables only transmit positive motor torque: one cable pulls, none
-    pulls back."""
+    """True if the cables transmit only positive motor torque, as one cable pulls and no
+    other pulls back."""
     cables: tuple[CableDrive, ...] = ()
     """The cables, as far as they are known. Controllers with a model need them."""
     sensors: tuple[Sensors, ...] = ()
     """Tension sensors along every cable, where the device has them."""
     inertia: float = 0.0
-    """Inertia of the motor with its pulley [kg m^2], as its data sheet has it."""
+    """Inertia of the motor with its pulley, by its data sheet [kg m^2]."""
     damping: float = 0.0
     """Damping of the motor's bearings [N m s/rad]."""
     joint_inertia: float = 0.0
@@ -71,30 +71,30 @@ class Drive:
     motor_lag: float = 0.0
     """Time constant of the motor's torque behind its command, first order [s]."""
     torque_rate: float = math.inf
-    """Fastest change of the commanded torque that the host lets through [N m/s]."""
+    """Largest rate of the commanded torque that the host allows [N m/s]."""
     safe_torque: float = math.inf
-    """Most that the cables may put into the joint [N m]; of a lever, in the neutral
-    pose. Long before it is reached, controllers that measure a torque let the joint go,
+    """Largest torque that the cables may put into the joint [N m]; of a lever, in the
+    neutral pose. Well below it, controllers that measure a torque release the joint,
     see `guard`."""
     safe_speed: float = math.inf
-    """Speed of the joint beyond which those controllers brake the motor [rad/s]."""
+    """Speed of the joint above which those controllers brake the motor [rad/s]."""
     safe_power: float = math.inf
-    """Power of the cables into the joint beyond which they do [W]."""
+    """Power of the cables into the joint above which they brake the motor [W]."""
     crossed: tuple[str, ...] = ()
-    """Joints besides the driven one whose motion winds the cables. Then controllers
-    with a model need `device.WINDING_COLUMNS`."""
+    """Joints besides the driven one that move the cables' distal ends. Controllers with
+    a model then need `device.WINDING_COLUMNS`."""
     joint: str = ""
-    """Name of the driven joint; empty where nothing depends on it."""
+    """Name of the driven joint; empty if nothing depends on it."""
     shared_ratios: Mapping[str, float] = field(default_factory=dict)
-    """Joints of other axes that the cables turn, too, and the torque there per motor
-    torque without friction in the neutral pose, signed [-]. Controllers that decouple
+    """Joints of other axes that the cables also turn, and the torque there per motor
+    torque, without friction in the neutral pose, signed [-]. Controllers that decouple
     axes read `device.RATIO_COLUMN` of each."""
     shared_joint: bool = False
-    """True if cables of other axes turn the joint, too: the torque that is measured
-    there is not of these cables alone."""
+    """True if cables of other axes also turn the joint, so that the measured torque
+    includes theirs."""
     lever: bool = False
     """True if the cables pull a lever, whose arm changes with its angle; `distal` is
-    that of the neutral pose. Then, too, controllers with a model need
+    the arm in the neutral pose. Controllers with a model then need
     `device.WINDING_COLUMNS`."""
     joint_sensor: bool = True
     """False if a controller reads nothing of the joint."""

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 ENDS = ("low", "typical", "high")
-"""Places in its range at which the friction of a pair may be taken."""
+"""Names of the ends and the middle of a range of friction, for a variable."""
 
 
 @dataclass(frozen=True)

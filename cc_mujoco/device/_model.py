@@ -82,8 +82,8 @@ class AxisModel:
         )
         winds = all(arm > 0.0 for arm in self._proximal.values())
         self.sense = -1.0 if winds else 1.0
-        """Sign of the motor's angle in the columns: positive winds a cable that only
-        pulls."""
+        """Sign of the motor's angle in the columns; positive angles wind cables that
+        only pull."""
         self.motor_gear = self.sense * float(motor.gear[0])
         """Torque of the motor, as in the columns, per its force [N m/N or 1]."""
         limits = MotorLimits.of(model, self._motor)
@@ -102,8 +102,8 @@ class AxisModel:
         """Displacement of its proximal end per motor angle of the model [m/rad]."""
         cable = plugin.from_mjcf(model)[name]
         self.winding: Winding | TabledWinding | None
-        """Winding of the first cable's distal end, of one that leaves its conduit of
-        its open part; None on a round pulley."""
+        """Winding of the first cable's distal end (of its open part if it leaves its
+        conduit); None on a round pulley."""
         # No controller knows a cable of which other joints wind an open part.
         self._unknown = False
         if cable.path == PATHS[2]:  # it leaves its conduit

@@ -64,9 +64,9 @@ class Observed:
     columns: tuple[str, ...]
     """Measured quantities, columns of an episode log."""
     units: tuple[float, ...]
-    """Values that are 1 in a frame: twist [rad], velocity of the motor at the joint
+    """Values that are divided by: twist [rad], velocity of the motor at the joint
     [rad/s], angle [rad] and velocity [rad/s] of the joint, torque error and desired
-    torque [N m], and of the phase [-]."""
+    torque [N m], phase [-]."""
     ratio: float
     """Motor angle per joint angle of an unstretched cable, signed [-]."""
     period: float
@@ -74,9 +74,9 @@ class Observed:
     torque: float
     """Torque of the motor at an action of 1 [N m]."""
     hold: int = 1
-    """Samples for which an action is held."""
+    """Number of samples for which an action is held."""
     history: int = 0
-    """Earlier frames, each with the action that followed it, newest first."""
+    """Number of earlier frames, each with the action that followed it, newest first."""
     memory: bool = False
     """True if the plays of friction memory are observed: `min(max(p, x - r), x + r)`
     for angles x of the motor and of the joint and the half widths r of

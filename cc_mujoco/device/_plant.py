@@ -45,7 +45,7 @@ CUFFED = ("cuff_stiffness", "cuff_damping")
 """Variables of the cuff between frame and limb."""
 
 UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
-"""Values of a cable that does nothing."""
+"""Values of a cable that transmits nothing."""
 
 
 class Plant:

@@ -38,35 +38,29 @@ MEASURED_COLUMNS = (
     "joint_velocity_rad_s", "joint_torque_nm", "desired_torque_nm", "phase_sine",
     "phase_cosine",
 )  # fmt: skip
-"""All that a controller may read: encoders, a joint torque sensor, the task, and the
-phase of the gait cycle.
-
-The names are those of the columns of an episode log, hence keys of `info`. Cable
-tensions, slip, slack and the wearer's intention are known to a simulation alone.
-"""
+"""Columns that a controller may read: encoders, joint torque sensor, task, and phase of
+the gait cycle. Names are those of an episode log, hence keys of `info`. Cable tensions,
+slip, slack and the wearer's intention are known only to the simulation."""
 
 WINDING_COLUMNS = ("winding_angle_rad", "winding_velocity_rad_s", "leverage_ratio")
-"""Further readings of a controller with a model: what the encoders of all joints on a
-cable's way say of its distal end, as if it were wound on a round pulley of the neutral
-arm, and the arm of the joint over that one.
-"""
+"""Further readings for controllers with a model: angle and velocity of the round
+pulley, of the joint's neutral arm, that would move the cable's distal end equally, and
+the present arm over the neutral one. They follow from the encoders of all joints that
+the cable passes."""
 
 RATIO_COLUMN = "torque_ratio_{joint}"
-"""Further reading where the cables of an axis pass the joint of another: torque at that
-joint per torque of the motor without friction, signed [-], in the pose of the moment.
-"""
+"""Further reading if the cables of an axis pass the joint of another: torque at that
+joint per torque of the motor, without friction in the present pose, signed [-]."""
 
 REFERENCE_COLUMN = "reference_angle_rad"
-"""Further reading where `Drive.commands_angle`: the angle that the joint should have.
-"""
+"""Further reading if `Drive.commands_angle`: the desired angle of the joint."""
 
 JOINT_COLUMNS = (*MEASURED_COLUMNS[2:6], *WINDING_COLUMNS)
-"""Readings that need a sensor at the joint; the desired torque follows from it. So do
-those of `RATIO_COLUMN`."""
+"""Readings that need a sensor at the joint, from which the desired torque follows too;
+`RATIO_COLUMN` is another."""
 
 TENSION_COLUMN = "tension_sensors_n"
-"""Further measurement where `Drive.sensors` says so: (..., cables, sensors) [N].
-"""
+"""Further reading if there are `Drive.sensors`: (..., cables, sensors) [N]."""
 
 
 @dataclass(frozen=True)
@@ -180,8 +174,8 @@ class Sensing:
     delay: int = 1
     """Control steps by which measurements are late."""
     joint_sensor: bool = True
-    """False if a controller reads nothing of the joint, neither angle nor torque, nor
-    along the cables."""
+    """False if a controller reads neither angle nor torque of the joint, nor
+    tensions."""
 
     def __post_init__(self) -> None:
         for name in ("torque_noise", "tension_noise"):
@@ -225,10 +219,10 @@ class Sensing:
 
 
 BIAS = 2.0
-"""Standard deviation of the bias of a drawn sensor, as a multiple of its noise."""
+"""Standard deviation of a sensor's random bias, as a multiple of its noise."""
 
 PERFECT_SENSING = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
-"""Sensors that tell the truth at once."""
+"""Sensors without noise, steps, filter or delay."""
 
 
 class Measuring:

@@ -44,7 +44,7 @@ def _read_variables() -> dict[str, dict[str, Parameter]]:
 
 
 _OF = _read_variables()
-"""Variables besides the parameters of a cable, by what has them."""
+"""Variables besides the parameters of a cable, by owner (such as axis)."""
 
 _PARAMETERS = {parameter.name: parameter for parameter in PARAMETERS}
 

@@ -36,10 +36,11 @@ CURRENT_CONTROL = 0  # operating mode
 AMPERE, VELOCITY = 2.69e-3, 0.229 * TURN / 60.0
 """Units of a current [A] and of a velocity [rad/s]."""
 WATCHDOG_UNITS, WATCHDOG_TRIPPED = 3, 0xFF
-"""The watchdog in units of 20 ms, and its value after it has stopped the servo."""
+"""Time of the watchdog in units of 20 ms, and its value after it has stopped the
+servo."""
 REPLY_TIME, MAX_FAILURES = 0.01, 5
-"""Time after which a reply comes no more [s], until when nothing is sent; number of
-errors in a row from which the port counts as gone."""
+"""Time to wait for a reply before anything else is sent [s]; number of consecutive
+errors after which the port counts as lost."""
 _SETTINGS, _WHOLE, _MOVING = (
     (OPERATING_MODE, CURRENT_LIMIT + 2 - OPERATING_MODE),
     (TORQUE_ENABLE, PRESENT_POSITION + 4 - TORQUE_ENABLE),

@@ -22,10 +22,10 @@ class Limits:
     joint_torque: float = math.inf
     """Largest torque that the transmission puts into the joint, either way [N m]."""
     tension: float = math.inf
-    """Anywhere in a cable, by what the model in the scene makes of the motor's angle
-    and the joint's torque [N]."""
+    """Largest tension anywhere in a cable [N], as estimated by the scene's model from
+    motor angle and joint torque."""
     soft_start: float = 1.0
-    """Time over which the share of the controller grows from 0 to 1 [s]."""
+    """Time over which the controller's torque is faded in [s]."""
     stop_time: float = 0.1  # in which the torque goes to zero after a stop [s]
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class Limiter:
         self._cycles, self._stop_rate = 0, 0.0
         self.torque = 0.0  # the last that was given out [N m]
         self.is_rate_limited = False
-        """True if the limit of the rate kept it from where it was to go."""
+        """True if the limit of the rate kept the last torque from its goal."""
 
     def limited(self, wish: float) -> float:
         """Return the next torque for the `wish` of the controller, both [N m].

@@ -116,17 +116,17 @@ class RunOutcome:
     cycles: int = 0  # cycles with a torque of the controller
     missed: int = 0  # cycles that were skipped because the host was late
     limited: int = 0
-    """Number of `cycles` in which a motor got all torque that its limit allows."""
+    """Number of `cycles` in which a motor was at the limit of its torque."""
     rate_limited: int = 0
-    """Number of `cycles` in which a torque changed as fast as the limit of the rate
-    allows, and the controller, of its full share, wished for more."""
+    """Number of `cycles` in which a torque changed at the limit of its rate and the
+    controller, after the soft start, requested more."""
     without_reading: int = 0
-    """Cycles in which no new reading came, of several axes from at least one."""
+    """Cycles in which one axis or more had no new reading."""
     ignored: Counter[str] = field(default_factory=Counter)
     """Packets that were not used, by reason."""
     late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings
     work: TimeHistogram = field(default_factory=TimeHistogram)
-    """Time from the beginning of a cycle until the command was out."""
+    """Time from the beginning of a cycle until its command was sent."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as a dictionary for JSON."""

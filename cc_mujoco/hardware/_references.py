@@ -139,7 +139,7 @@ def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
 
 
 APPROACH_TIME = 1.0
-"""Time in which the motor goes from where it is to where its course begins [s]."""
+"""Time in which the motor moves to the first angle of its table [s]."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Stiffness:
     stiffness: float  # [N m/rad]
     damping: float  # [N m s/rad]
     integral: float
-    """Rate at which the torque grows while there is an error [N m/(rad s)]."""
+    """Integral gain: rate of the torque per error [N m/(rad s)]."""
 
     def __post_init__(self) -> None:
         require_parameter(self, "stiffness", 1e-9, 1e9, "N m/rad")

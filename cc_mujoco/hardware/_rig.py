@@ -22,8 +22,8 @@ from cc_mujoco.hardware._packet import Command, Readings, Status
 Item = TypeVar("Item")
 
 MAX_PENDING, END_PACKETS = 200, 10
-"""Most packets or frames that are looked at in a cycle; packets that say that the run
-is over, of which some may be lost."""
+"""Largest number of packets or frames read in a cycle; number of packets sent to say
+that the run is over, of which some may be lost."""
 
 
 @runtime_checkable
@@ -106,8 +106,8 @@ class PacketRig:
 
     def __init__(self, link: Link) -> None:
         self.ignored = link.ignored
-        """Packets that were not used: corrupt, repeated, reordered, overtaken; and
-        what the link did not carry."""
+        """Unused packets by reason: corrupt, repeated, reordered, superseded, or not
+        carried by the link."""
         self.where = link.where  # the address at which it is looked for
         self._link = link
         self._sequence = 0

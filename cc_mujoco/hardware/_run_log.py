@@ -26,15 +26,14 @@ RUN_COLUMNS = (
     "joint_angle_rad", "joint_velocity_rad_s", "joint_torque_nm", "desired_torque_nm",
     "command_torque_nm", "controller_torque_nm", "late_s", "work_s", "cycle",
 )  # fmt: skip
-"""Columns of a row of one axis: time by the rig's clock; what it measured;
-`motor_torque_nm`, the torque that it had been commanded by then; that of the task; the
-one commanded in this cycle; the one that the controller requested (NaN if it was not
-called); how late the cycle began and how long it took until the command was sent; the
-number of the cycle."""
+"""Columns of a row of one axis: time by the rig's clock; its measurements;
+`motor_torque_nm`, the torque commanded before them; the desired torque; the torque
+commanded in this cycle; the one that the controller requested (NaN without a request);
+delay of the cycle and time until its command was sent; number of the cycle."""
 _AXIS_COLUMNS = RUN_COLUMNS[1:-3]
 SAMPLE_TIME = "sample_time_s"
-"""Column of each of several axes: time of its reading by the clock of its own rig,
-since its first reading in the log. `time_s` is that of the first axis."""
+"""Column of each of several axes: time of its reading by its own rig's clock, since its
+first reading in the log. `time_s` is that of the first axis."""
 
 
 class AxisRow(NamedTuple):

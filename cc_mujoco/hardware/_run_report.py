@@ -23,7 +23,7 @@ from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure, save, style
 Array = NDArray[np.float64]
 
 AT_LIMIT_SHARE = 0.02
-"""Share of the cycles at a limit of the torque from which on that is reported."""
+"""Share of cycles at a torque limit above which the report mentions it."""
 
 
 @dataclass(frozen=True)

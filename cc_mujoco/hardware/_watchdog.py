@@ -115,13 +115,14 @@ class Watchdog:
     frozen_readings: int = bounded(20, 1, 1e6, "cycles")
     """Equal readings while the torque commands differ."""
     frozen_torque: float = bounded(0.2, 1e-6, 2.0, "of the torque's limit")
-    """Difference of those torques, as a share of the torque's limit [-]."""
+    """Range of the torque commands meanwhile, as a share of the torque's limit [-]."""
     frozen_angle: float = bounded(0.2, 1e-6, 1e3, "rad")
-    """Most that one encoder may turn, at the joint, while the other has not changed by
-    a bit [rad]: more than play, stretch and slack of the cables."""
+    """Largest angle that one encoder may turn, at the joint, while the other is
+    constant to the bit [rad]; greater than play, stretch and slack of the cables."""
     twist: float = bounded(0.5, 1e-6, 1e9, "rad")
-    """Largest twist between motor and joint, at the joint [rad]: more than play and
-    stretch of a pair of cables. A single one may be slack and is not looked at."""
+    """Largest twist between motor and joint, at the joint [rad]; greater than play and
+    stretch of a pair of cables. It is not checked for a single cable, which may be
+    slack."""
 
     def __post_init__(self) -> None:
         require_bounds(self)
@@ -173,7 +174,7 @@ class Watch:
         self._still, self._held = [0, 0], [0.0, 0.0]
         self._times: tuple[float, float] | None = None
         self.has_stepped = False
-        """True if the rig's clock has stepped: times of its readings are wrong."""
+        """True if the rig's clock has jumped, so that times of readings are wrong."""
         self._sensor: TorqueSensor | None = None
         if drive.cables and not unmeasured:
             swing = watchdog.frozen_torque * limits.torque * abs(drive.ratio)

@@ -48,10 +48,10 @@ class Motion:
     """Fraction of the gait cycle, or of the trajectory's own period, in [0, 1);
     the fraction of the episode where a trajectory has no period."""
     companions: Mapping[str, Motion] = field(default_factory=dict)
-    """Motions of joints that belong together: `ankle`, `knee`, `hip` of `walk`. A
-    device whose joint is one of them is moved by that one."""
+    """Motions of other joints by name: `ankle`, `knee`, `hip` of `walk`. If a device
+    drives one of these joints, it follows that motion."""
     measured: Array | None = None
-    """Phase of the measured walk in which the leg is as far; None where that is
+    """Phase of the measured walk at equal progress of the leg; None if it is
     `phase`."""
 
     def part(self, first: int, end: int) -> Motion:

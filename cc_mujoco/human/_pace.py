@@ -33,11 +33,11 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 
 MIN_SPEED, MAX_SPEED = 0.8, 1.6  # speeds that can be walked [m/s]
 MEASURED_SPEED = 1.03
-"""Speed of the measured walk [m/s]. Its source does not state it; at this one adults of
-the height of the wearer have its stride time."""
+"""Speed of the measured walk [m/s]. Its source does not state it; adults of the
+wearer's height have its stride time at this speed."""
 WEARER_HEIGHT = 1.75  # height of the wearer, as the scenes have it [m]
 TOE_OFF = 0.66
-"""Phase of the measured walk at which the moment of its ankle has fallen to nothing."""
+"""Phase of the measured walk at which its ankle moment has fallen to zero."""
 
 _SPEED_CLASSES = {
     "speed": (0.4926, 0.6979, 0.8733, 1.1544),  # over height, 1/s

@@ -19,9 +19,9 @@ class Disturbed(Trajectory):
     """
 
     base: Trajectory
-    """Motion that is disturbed."""
+    """Trajectory to which the angle is added."""
     joint: str = ""
-    """Joint that is disturbed, where the trajectory has companions."""
+    """Joint to which the angle is added, if the trajectory has several."""
 
     def __post_init__(self) -> None:
         require_bounds(self)

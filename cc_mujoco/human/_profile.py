@@ -39,7 +39,7 @@ class Profile(Task):
     peak_time: float = bounded(53.4, 0.0, 100.0, "% of the stride")
     """Time at which it is largest [% of the stride]."""
     peak_torque: float = bounded(30.0, 0.0, 1e3, "N m")
-    """Largest size of the torque [N m]."""
+    """Largest absolute torque [N m]."""
     fall: float = bounded(11.9, 0.1, 100.0, "% of the stride")
     """Time from the peak to where it ends [% of the stride]."""
     toe_off: float = bounded(100.0 * TOE_OFF, 1.0, 100.0, "% of the stride")

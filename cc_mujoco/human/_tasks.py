@@ -28,16 +28,14 @@ class Task(ABC):
     """Virtual environment; subclasses are frozen dataclasses of its parameters."""
 
     of_phase: ClassVar[bool] = False
-    """True if its torque follows from `phase` alone; a subclass may assign it."""
+    """True if the torque depends on `phase` alone; a subclass may set it."""
     of_time: ClassVar[bool] = False
-    """True if `phase` is the time since the start [s]; a subclass may assign it."""
+    """True if `phase` is the time since the start [s]; a subclass may set it."""
     about_reference: ClassVar[bool] = False
-    """True if `angle` is that beyond the motion's; a subclass may assign it."""
+    """True if `angle` is relative to the trajectory's; a subclass may set it."""
     commands_angle: ClassVar[bool] = False
-    """True if the joint is to follow the motion; a subclass may assign it.
-
-    Controllers then read the angle as `device.REFERENCE_COLUMN`.
-    """
+    """True if the joint should track the trajectory; a subclass may set it. Controllers
+    then read the angle as `device.REFERENCE_COLUMN`."""
 
     __post_init__ = require_bounds
 

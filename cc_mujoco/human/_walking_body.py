@@ -31,9 +31,9 @@ CABLE = Cable(
 )
 """Rope and conduit of the heel in the scene `bilateral`, at 1.6 rad of wrap."""
 PUSH_OFF = Profile(onset=44.0, peak_time=54.0, fall=6.0)
-"""Help of 30 N m while the ankle of the person who ships plantarflexes. Help that
-begins earlier, while the ankle still yields, does negative work on it; help that lasts
-longer acts on a foot in the air."""
+"""Assistance of 30 N m while the ankle of the supplied policy's person plantarflexes.
+Earlier assistance would do negative work on a yielding ankle; later assistance would
+act on a foot in the air."""
 
 SCENE, POLICY, LEGS = (
     Path(assets.__file__).resolve().parent / "walking" / name

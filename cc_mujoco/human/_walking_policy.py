@@ -60,11 +60,11 @@ class WalkingPolicy:
     speed: float
     """Desired speed [m/s]."""
     speed_gain: float
-    """Angle by which the swinging hip flexes more per speed too much [rad s/m]."""
+    """Additional flexion of the swing hip per speed above the desired one [rad s/m]."""
     foot_gain: float
-    """Angle per position of the hip ahead of the standing ankle [rad/m]."""
+    """Hip angle per position of the hip ahead of the stance ankle [rad/m]."""
     push_gain: float
-    """Growth of the trailing ankle's feed-forward per speed that lacks [s/m]."""
+    """Increase of the trailing ankle's feed-forward per lacking speed [s/m]."""
 
     @classmethod
     def read(cls, path: str | Path) -> WalkingPolicy:

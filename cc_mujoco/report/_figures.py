@@ -34,7 +34,7 @@ DASH_PATTERN = (4, 2)
 TENSION_COLORS = "viridis"
 
 SOFTWARE_TAG = "cc_mujoco"
-"""Origin that a figure of ours states."""
+"""Software that the metadata of this package's figures name."""
 
 
 def style() -> AbstractContextManager[None]:

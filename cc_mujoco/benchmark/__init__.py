@@ -3,10 +3,10 @@
     cc-mujoco benchmark --suite v1 --controllers pi stiction my_module:my_function
 
 Every controller is tested in every condition of a suite (`_suites`) with every seed: a
-sampled plant (`_plant`), sensors with noise, bias and delay, and, if it has a model, a
-wrong one. A condition and a seed are the same plant, noise and motion for every
-controller, so that controllers are compared in pairs (`rank_controllers`). References
-give the numbers a scale (`REFERENCES`).
+randomly sampled plant (`_plant`), sensors with noise, bias and delay, and, if the
+controller uses a model, wrong parameters of it. A condition and a seed give the same
+plant, noise and motion to every controller, so differences are paired
+(`rank_controllers`). References (`REFERENCES`) give the errors a scale.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Cell of the benchmark: a controller, or a reference, in a condition; all seeds.
+"""Cell of the benchmark: a controller or a reference in one condition, with all seeds.
 
     ordinary = SUITES["v1"].conditions("wrist")[0]
     played = play(Cell(ordinary, "stiction", seeds=(0, 1, 2)))
@@ -7,9 +7,9 @@
 A cell is one batch of simulations. Its results, computing times excepted, depend on
 nothing but the cell.
 
-Every axis of a device has its own scores, under `AXIS.NAME` where there are several.
-Then a score of the device is the mean over its axes, as its reward is, but an episode
-has failed if any axis has.
+Every axis of a device has its own scores, under `AXIS.NAME` if there are several. The
+device's score is then the mean over its axes, but an episode has failed if any axis
+has.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
 
 @dataclass(frozen=True)
 class Cell:
-    """Episodes that are played together."""
+    """A controller in a condition, with the seeds of its episodes."""
 
     condition: Condition
     controller: str
@@ -91,7 +91,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """Name of the cell, fit for a file."""
+        """Name of the cell without characters that file names cannot have."""
         parts = (self.condition.label, self.condition.name, self.controller)
         return "-".join(
             "".join(c if c.isalnum() else "_" for c in part) for part in parts
@@ -103,11 +103,11 @@ class CellResult:
     """Result of a cell.
 
     Attributes:
-        scores: scores by name, (seeds,); see `_scores`.
-        plants: drawn and assumed parameters, for every seed, of the cables that the
-            motors wind, lists in the order of `DeviceModel.driven`.
-        trace: columns (samples * seeds,) of the ordinary condition, else empty;
-            those of an axis begin with its name where there are several.
+        scores: scores by name, (seeds,); see `episode_scores`.
+        plants: true and assumed parameters of the driven cables by name, a list over
+            seeds each.
+        trace: time series by name (samples * seeds,) in the ordinary condition, {} in
+            others; names begin with the axis if there are several.
     """
 
     scores: dict[str, Array]
@@ -116,7 +116,7 @@ class CellResult:
 
 
 class CellSetup(NamedTuple):
-    """Everything that an episode of a cell needs, a row for each cell and seed."""
+    """Everything that the episodes of cells need, an entry for each cell and seed."""
 
     draws: list[Draw]
     batch: Batch
@@ -128,10 +128,10 @@ class CellSetup(NamedTuple):
 
 
 def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """Return the cells in groups that can be played as one batch, which costs far less.
+    """Return the cells in groups, each of which can be simulated as one batch.
 
-    They have a controller, a task, a length and a device in common, whose unknown
-    effects may differ.
+    The cells of a group have the same controller, seeds, device, task and duration;
+    their unknown effects may differ.
     """
     found: dict[object, list[Cell]] = {}
     for cell in cells:
@@ -144,7 +144,7 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 
 def _structure_key(cell: Cell) -> object:
-    """Return what the structures of conditions must share to be played as one batch."""
+    """Return a key that is equal for cells whose unknown effects allow one batch."""
     at = cell.condition
     if at.known or at.structure in faults.FAULTS or isinstance(at, PositionCondition):
         return at.structure
@@ -159,11 +159,11 @@ def believed_drives(
     draws: Sequence[Draw],
     beliefs: Sequence[conditions.Belief],
 ) -> list[tuple[Drive, ...]]:
-    """Return the drives of each plant with the cables that its controller believes.
+    """Return, for each plant, the drive of each axis with cables as assumed.
 
-    The drives, of every axis of the device, give the arms of the cables; `driven` are
-    the names of the cables that each motor winds; there are a draw and a belief per
-    device.
+    `drives` are those of the axes, with true moment arms; `driven` has the names of the
+    cables of each axis. `draws` and `beliefs` have an entry per plant, and `beliefs`
+    are the errors of the assumed parameters.
     """
     found: list[tuple[Drive, ...]] = []
     for drawn, belief in zip(draws, beliefs, strict=True):
@@ -253,15 +253,15 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
 
 
 def play(cell: Cell) -> CellResult:
-    """Play a cell by itself; see `play_group`."""
+    """Simulate a cell by itself and return its result; see `play_group`."""
     return play_group([cell])[0]
 
 
 def play_group(cells: Sequence[Cell]) -> list[CellResult]:
-    """Play cells that `batch_groups` has put into one group.
+    """Simulate a group of cells from `batch_groups` as one batch; return their results.
 
-    The result of each is the same as if it were played by itself. Unknown names, and
-    controllers that cannot be used, are refused.
+    Each result is the same as if its cell were simulated alone. Raises `CableError` for
+    an unknown name or a controller that cannot be used.
     """
     made = prepare_episodes(cells)
     batch = made.batch
@@ -304,7 +304,7 @@ def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> No
 def _scores(
     cell: Cell, rows: Mapping[str, NDArray[Any]], made: CellSetup
 ) -> dict[str, Array]:
-    """Return the scores of every seed (seeds,), without the warm-up."""
+    """Return the scores of a cell by name, (seeds,), without the warm-up."""
     description, device = made.draws[0].plant.description, made.batch.exo.device
     cables = made.batch.cables
     tasks = cell.condition.tasks(description)
@@ -348,9 +348,9 @@ def _scores(
 
 
 def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str, float]:
-    """Return the scores of an episode by name, NaN where it has none.
+    """Return the scores of an episode by name, NaN where a score is undefined.
 
-    An episode that diverged has none but `failed`.
+    If the simulation diverged, all are NaN except `failed`.
     """
     whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
     measured = measure(log, (s for s in scores if whole or s.name == "failed"))
@@ -400,9 +400,9 @@ def _trace_columns(
 
 
 def ranked_score(names: Iterable[str]) -> str:
-    """Return the score by which results with these columns are ranked.
+    """Return the score among these names by which controllers are ranked.
 
-    It is that of a fault, of a torque, or of a commanded angle.
+    It is the peak torque after a fault, else the RMS error of torque or of angle.
     """
     errors = "peak_over_safe", "rms_torque_error", "rms_angle_error"
     return next(error for error in errors if error in names)
@@ -414,7 +414,7 @@ def score_columns(names: Sequence[str]) -> list[str]:
 
 
 def axis_errors(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the RMS errors of every axis, (seeds, axes), from scores (seeds,)."""
+    """Return the ranked score of every axis (seeds, axes) from columns (seeds,)."""
     error = ranked_score(columns)
     of_axes = [n for n in columns if n.endswith(f".{error}")] or [error]
     return np.stack([np.asarray(columns[name]) for name in of_axes], axis=-1)

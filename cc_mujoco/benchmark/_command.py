@@ -1,4 +1,4 @@
-"""`cc-mujoco benchmark`: controllers against each other."""
+"""The command `cc-mujoco benchmark`, which compares controllers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cc_mujoco.errors import CableError, look_up
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Play controllers and references in a suite; write results and a report."""
+    """Simulate controllers and references in a suite; write results and a report."""
 
     interrupted: ClassVar[str] = (
         "cells that were finished, if any, are kept; the same command goes on, but "
@@ -70,7 +70,7 @@ class Benchmark:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Play unfinished cells; print the best controllers."""
+        """Simulate the cells not yet finished, write the report, print the best."""
         if self.workers < 0:
             raise CableError(f"--workers must be 0 or greater, not {self.workers}.")
         if self.compare is not None:

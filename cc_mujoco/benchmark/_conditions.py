@@ -1,9 +1,9 @@
-"""Conditions of a suite, each of which differs from the ordinary one; references.
+"""Conditions of a suite, each a variation of the ordinary one, and references.
 
     SUITES["v1"].conditions("wrist")
 
-Transmission and error of the model are crossed, as their effects interact. All else is
-varied one at a time from the ordinary condition: a full cross of the levels here would
+Cable friction and model error interact, so all their combinations are conditions.
+Everything else varies one at a time from the ordinary condition, as a full cross would
 be some thousand conditions for each device.
 """
 
@@ -74,7 +74,7 @@ class Together(human.Trajectory):
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition that all seeds of a cell have in common."""
+    """Condition of an episode: device, motion, task, sensors, plant and model error."""
 
     scene: str
     """Name or file of the device."""
@@ -122,23 +122,23 @@ class Condition:
 
     @property
     def label(self) -> str:
-        """Name of the device in tables: that of its file without folder and suffix."""
+        """Name of the device in tables: its file without folder and suffix."""
         return device_label(self.scene)
 
     @property
     def text(self) -> str:
-        """Text that is equal for equal conditions, wherever the file of a device is."""
+        """Text that is equal for equal conditions, in whatever folder the device is."""
         return repr(self).replace(repr(self.scene), repr(self.label), 1)
 
     def tasks(self, description: Description) -> dict[str, human.Task]:
-        """Return the task of every axis by its name."""
+        """Return the task by name of the axis."""
         axes = description.axes
         tasks = self.task if isinstance(self.task, tuple) else (self.task,) * len(axes)
         return {axis.name: task for axis, task in zip(axes, tasks, strict=True)}
 
     @property
     def usual(self) -> bool:
-        """True if this is the ordinary condition."""
+        """True for the ordinary condition, from which all others vary."""
         return self.name == "-".join(DEFAULT_CONDITION)
 
 
@@ -151,11 +151,11 @@ def is_walk(source: human.Trajectory) -> bool:
 
 
 def plant_key(name: str) -> str:
-    """Return the key that samples the plants of a condition, by the condition's name.
+    """Return the text that seeds the plants of the condition of this name.
 
-    Conditions with different errors of the model share their plants, and so do those in
-    which an effect is known and unknown, or controllers are fitted to another plant;
-    all other conditions have their own.
+    Conditions with equal keys share their plants: those that differ in model error
+    only, in whether the controller knows an effect, or in the plant it is calibrated
+    on.
     """
     if name.startswith(KNOWN):
         return STRUCTURE + name.removeprefix(KNOWN)
@@ -175,7 +175,7 @@ def crossed_conditions(plain: Condition) -> list[Condition]:
 
 
 def varied_conditions(plain: Condition, has_wearer: bool = True) -> list[Condition]:
-    """Return the conditions with other delays and noise, and another wearer if any."""
+    """Return conditions of other sensor delay or noise or, if any, another wearer."""
     changes: dict[str, dict[str, object]] = {
         "delay-none": {"delay": (0, 0)},
         "delay-long": {"delay": (3, 5)},
@@ -194,7 +194,7 @@ def named_condition(plain: Condition, name: str, **changes: object) -> Condition
 
 @dataclass(frozen=True)
 class Belief:
-    """Standard deviations of the relative errors of a controller's parameters."""
+    """Random relative errors of the cable parameters that a controller assumes."""
 
     error: float = 0.1
     """Error of both friction coefficients, axial stiffness and pretension."""
@@ -206,7 +206,7 @@ class Belief:
         require_parameter(self, "bias", -0.9, 5.0, "")
 
     def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """Return the controller's assumed cable, with the true route."""
+        """Return the cable with sampled errors of its parameters, the route true."""
         friction, stiffness, pretension = (
             self.error * clipped_normal(random) for _ in range(3)
         )
@@ -225,7 +225,7 @@ def clipped_normal(random: np.random.Generator) -> float:
 
 @dataclass(frozen=True)
 class Reference:
-    """Device or controller that is no entry of a benchmark."""
+    """A device or controller that no user enters, which gives errors a scale."""
 
     meaning: str
     controller: str | None = None

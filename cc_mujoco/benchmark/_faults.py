@@ -46,9 +46,9 @@ def safety_conditions(scene: str) -> list[Condition]:
 
 
 def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
-    """Return the control step at which the fault of each device begins.
+    """Return the control step at which each device's fault begins, 0.55 to 1.55 s.
 
-    For `seeds` see `Draw.seed`; `period` is that of the controller [s].
+    `seeds` are `Draw.seed` of each device; `period` is the control period [s].
     """
     drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
     # A fault begins after 0.55 to 1.55 s, sampled with the plant.
@@ -64,10 +64,10 @@ class FaultySensors:
         ratios: Mapping[str, float],
         period: float,
     ) -> None:
-        """Prepare one of `FAULTS`, which begins at the control steps `onsets`.
+        """Prepare a sensor fault of `FAULTS` from control steps `onsets` (devices,) on.
 
-        `sensors` are those of all axes without it, `ratios` see `Drive.ratio`, by the
-        prefix of the axis, and `period` is that of the controller [s].
+        `sensors` are the fault-free ones of all axes, `ratios` has `Drive.ratio` by
+        column prefix of the axis, and `period` is the control period [s].
         """
         self._fault, self._sensors, self._ratios = fault, sensors, ratios
         self._onset = np.array(onsets)
@@ -130,14 +130,14 @@ class FaultySensors:
 
 
 class StrapOpening:
-    """Wearers who leave their devices during the episode; see `Batch.actuate`."""
+    """A fault in which the wearer comes off the device; called by `Batch.actuate`."""
 
     def __init__(self, batch: Batch, onsets: Sequence[int]) -> None:
-        """Prepare; each strap opens at the control step of its device in `onsets`."""
+        """Prepare for straps that open at control steps `onsets` (devices,)."""
         self._batch, self._onsets = batch, np.array(onsets)
 
     def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
-        """Open the straps that are due; return the torque unchanged [N m]."""
+        """Open the straps due at this step; return the motor torque [N m] unchanged."""
         opened = np.flatnonzero(self._onsets == step)
         for device in (self._batch.devices[row] for row in opened.tolist()):
             movers = device.description.movers

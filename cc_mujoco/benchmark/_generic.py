@@ -1,7 +1,7 @@
-"""Conditions of the suite `generic`, which follow from the description of a device.
+"""Conditions of the suite `generic`, derived from the description of a device.
 
-Trajectory and task of the ordinary condition are those of the device, and the sizes of
-all others follow from it. Names are those of `v1` where they mean the same.
+The ordinary condition has the trajectory and task of the device, and the sizes of all
+others are scaled to these. Names are those of `v1` where they mean the same.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from cc_mujoco.simulation._worn_device import axis_trajectories
 def generic_conditions(scene: str) -> list[Condition]:
     """Return all conditions of a device.
 
-    Its description must name a trajectory and a task, which does not command an angle.
+    Raises `CableError` if its description names no trajectory or task, or a task that
+    commands an angle.
     """
     device, model = find_device(scene), device_model(scene)
     plain, tasks = plain_condition(scene), device_motion(model)[1]
@@ -57,7 +58,7 @@ def device_model(scene: str) -> DeviceModel:
 
 
 def plain_condition(scene: str) -> Condition:
-    """Return a condition without a name, with trajectory and tasks of the device."""
+    """Return an unnamed condition with the device's own trajectory and tasks."""
     motion, tasks = device_motion(device_model(scene))
     if any(one.commands_angle for one in tasks):
         raise CableError(
@@ -108,9 +109,9 @@ def trajectory_of(source: Trajectory, joint: str) -> Trajectory:
 
 
 def _held(one: Task) -> Task:
-    """Return half the largest torque that a task demands in a gait cycle, held.
+    """Return a constant task at half the peak torque [N m] of a task over the gait.
 
-    A task without a gait is returned unchanged.
+    A task that does not follow the gait is returned unchanged.
     """
     if not one.follows_gait:
         return one
@@ -122,9 +123,9 @@ def _held(one: Task) -> Task:
 
 
 def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> float:
-    """Return the size of a bump that leaves a joint half its room to the stops.
+    """Return the size [rad] of a bump that uses half the joint's distance to its stops.
 
-    It is at most 0.1 rad and a quarter of the reach.
+    It is at most 0.1 rad and a quarter of `reach` [rad].
     """
     motion = source.sample(Condition.duration, 0.01, np.random.default_rng(0))
     angle = motion.companions.get(joint, motion).angle

@@ -1,6 +1,6 @@
 """Files of a benchmark: results, figures, tables and a page on the best controllers.
 
-Figures show error against effort, over the cycle, and by condition.
+Figures show error against effort, over the gait cycle, and by condition.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _folded_table(heading: str, cells: text.Cells) -> Html:
 
 
 def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
-    """Return a table whose code and emphasis are elements."""
+    """Return head and rows of a Markdown table with cells in HTML."""
     head, *rows = ([*map(html.inline_markdown, r)] for r in (cells[0], *cells[1]))
     return head, rows
 
@@ -181,7 +181,7 @@ def pareto(own: DeviceResults) -> Figure:
 
 
 def cycle(own: DeviceResults) -> Figure:
-    """Draw the error over the gait, or after a reversal, in the ordinary condition."""
+    """Draw the RMS error over gait phase or, without a gait, since a reversal [s]."""
     looks = _line_styles(own.rms)
     shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
     trace, angle = next((each for _, each in shown.values()), {}), "joint_angle_rad"
@@ -213,8 +213,8 @@ def cycle(own: DeviceResults) -> Figure:
 def robustness(own: DeviceResults) -> Figure:
     """Draw the normalised error of every controller in every condition as a heat map.
 
-    Rows are conditions, columns controllers. Colours are logarithmic about the error of
-    `none`, which is 1. It is legible on the screen of a telephone.
+    Rows are conditions, columns controllers. Colours are logarithmic around 1, the
+    error of `none`. The figure is readable on a phone.
     """
     shown = [law for law in own.errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
     shown = shown or [SCALE_CONTROLLER]
@@ -259,7 +259,7 @@ def _since_reversal(trace: Mapping[str, Array]) -> Array:
 
 
 def _binned_rms(place: Array, trace: Mapping[str, Array], count: int = 30) -> Array:
-    """Return the RMS error in bins from 0 to 1 (count,), NaN in empty ones."""
+    """Return the RMS error in `count` equal bins of `place` in [0, 1), NaN if empty."""
     # Motions grow in the first second.
     counted = (trace["time_s"] >= 1.0) & (place < 1.0)
     bins = (place[counted] * count).astype(int)

@@ -5,13 +5,13 @@
     effect_values(find_device("knee.xml"), "seals")
     # {'extensor.seal_proximal': 8.3, 'extensor.seal_distal': 8.3}
 
-A condition and a seed are one plant, one motion and one noise for every controller, so
-that controllers are compared in pairs. Conditions that differ only in the error of the
-model share their plants; all others draw independently of each other.
+A condition and a seed are one plant, motion and noise for every controller, so that
+controllers are compared in pairs. Conditions that differ only in model error share
+their plants; all others draw independently of each other.
 
-A plant may have an effect that its controller does not know. Its size follows from the
-description of the device: the torque that counts as 1, the reach of its motions and the
-arms of its cables.
+A plant may have an effect that its controller's model lacks. Its size is scaled to the
+description of the device: its unit torque and velocity (`Axis.units`), the reach of its
+motions and the moment arms of its cables.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ LAG_NAME = "motor-lag"  # an effect that is in the motor and in no cable
 
 
 class _Scale(NamedTuple):
-    """Sizes of a cable that effects are scaled with."""
+    """Quantities of a cable to which the sizes of effects are proportional."""
 
     tension: float  # tension of the desired torque that counts as 1 [N]
     speed: float  # speed of the cable at the joint's velocity that counts as 1 [m/s]
@@ -131,7 +131,7 @@ STRUCTURES = (
 
 @dataclass(frozen=True)
 class Actuation:
-    """Imperfections of the motor: a command delay and a cogging torque by its angle."""
+    """Imperfections of the motor: command delay, and cogging torque by motor angle."""
 
     delay: int = 0  # control steps by which a command is late
     cogging: tuple[float, ...] = ()  # amplitude of the torque of every motor [N m]
@@ -163,9 +163,9 @@ def _scales(device: Device) -> dict[str, _Scale]:
 
 @lru_cache(maxsize=64)
 def effect_values(device: Device, name: str) -> dict[str, Value]:
-    """Return the values of a plant with an effect of `STRUCTURES` and nothing else.
+    """Return the parameter values by which a device has an effect of `STRUCTURES`.
 
-    They are empty for an effect that no cable can have, or that is in no cable.
+    They are {} for an effect outside cables, or that these cables cannot have.
     """
     return _cable_values(Plant(device), name)
 
@@ -184,11 +184,11 @@ def _cable_values(known: Plant, name: str) -> dict[str, Value]:
 def hidden_effect(
     known: Plant, name: str, seed: int, random: np.random.Generator
 ) -> tuple[Device, dict[str, Value], Actuation]:
-    """Return an effect of `STRUCTURES`, or of none if the name is empty, for a plant.
+    """Return an effect of `STRUCTURES` (or "" for none), scaled to the plant `known`.
 
-    Seeds take the levels of effects with few of them in turn; all else is random. The
-    effect is the device, with a cuff where that is it, values of the plant, and what is
-    between the controller and the motor.
+    It is the device (with a compliant cuff for that effect), values of plant
+    parameters, and imperfections of the motor. Few discrete levels are assigned to
+    seeds in turn; everything else is drawn from `random`.
     """
     device, axes = known.scene, known.description.axes
     values = _cable_values(known, name)
@@ -253,7 +253,7 @@ def has_effect(device: Device, name: str) -> bool:
 
 @dataclass(frozen=True)
 class Draw:
-    """Sampled plant with the bias and actuation of its episode."""
+    """A sampled plant, with the sensor bias and motor imperfections of its episode."""
 
     plant: Plant  # the device with its cables, wearer, delay and noise
     known: Plant  # plant as its controller may know it, without the errors of the model
@@ -270,14 +270,15 @@ def sample_plants(
 ) -> list[Draw]:
     """Draw the plants of a condition, one for each seed.
 
-    `key` is the secret of the run, see `new_key`; none by default.
+    With the secret `key` of a run (see `new_key`) the seeds alone do not tell the
+    plants.
     """
     device = find_device(condition.scene)
     return [_sample_plant(condition, seed, device, key) for seed in seeds]
 
 
 def new_key() -> str:
-    """Return a new secret key of a run, 16 bytes as hexadecimal digits."""
+    """Return a random secret key of a run, 32 hexadecimal digits."""
     return secrets.token_hex(16)
 
 
@@ -289,9 +290,9 @@ def require_key(key: str) -> None:
 
 
 def _own_seed(seed: int, place: int, key: str) -> int:
-    """Return the seed of an episode, of 128 bits where there is a key.
+    """Return the random seed of an episode, of 128 bits with a key.
 
-    A plant reveals nothing of other plants, as so many seeds cannot be tried.
+    With so many possible keys, known plants do not allow others to be predicted.
     """
     if not key:
         return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
@@ -352,7 +353,7 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
 
 
 def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
-    """Return a gait with its period scaled, also inside another trajectory."""
+    """Return the trajectory with the period of its gait multiplied by `factor`."""
     if isinstance(source, Walk):
         return dataclasses.replace(source, period=factor * source.period)
     if isinstance(source, Together):
@@ -365,12 +366,12 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
 
 
 class ActuationFaults:
-    """Motors that do not apply their controllers' commands; see `Batch.actuate`."""
+    """Motors that alter the commanded torque; called by `Batch.actuate`."""
 
     def __init__(
         self, actuations: Sequence[Actuation], prefixes: Sequence[str]
     ) -> None:
-        """Prepare, with the actuation of every device and the axes' column prefixes."""
+        """Prepare for an actuation per device and the column prefix of each axis."""
         shape = len(actuations), len(prefixes)
         self._angles = [f"{prefix}motor_angle_rad" for prefix in prefixes]
         self._delay = np.array([one.delay for one in actuations])
@@ -380,7 +381,7 @@ class ActuationFaults:
         self._phase = np.array([[one.phase] for one in actuations])
 
     def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
-        """Return the torque of the motors [N m], (devices, axes)."""
+        """Return the motors' torque (devices, axes) [N m] for that commanded."""
         if step == 0:
             self._past[:] = 0.0
         shape = self._past.shape[1:]

@@ -1,8 +1,8 @@
-"""Conditions of the suite `position`: a commanded angle.
+"""Conditions of the suite `position`, in which a joint angle is commanded.
 
-Plants are sampled around the scene as in all suites, and the data sheet is that of the
-scene. Parameters of controllers are those of the scene's own trial (`-stale`), or of a
-trial on the plant itself (`-fitted`).
+Plants are sampled around the scene as in all suites. Controllers know the cables of the
+scene, and hysteresis parameters calibrated in a trial on the scene itself (conditions
+`-stale`) or on the sampled plant (`-fitted`).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def fresh_fits(
 
 
 def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
-    """Return the drive of a controller with the knowledge of the scene."""
+    """Return the drive with cables and hysteresis parameters of the unvaried scene."""
     known = nominal_drive(condition)
     return dataclasses.replace(drive, cables=known.cables, hysteresis=known.hysteresis)
 
@@ -79,7 +79,7 @@ def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
 def fitted_drives(
     drive: Drive, condition: conditions.Condition, seeds: tuple[int, ...], key: str
 ) -> list[Drive]:
-    """Return the drive of `position_drive` with the parameters of every episode."""
+    """Return a drive per seed, calibrated on its plant if the condition is `fitted`."""
     fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
     if isinstance(condition, PositionCondition) and condition.fitted:
         fits = fresh_fits(condition, seeds, key)

@@ -3,8 +3,8 @@
     errors = normalise_errors(rms)       # controller -> (conditions, seeds)
     for place in rank_controllers(errors): print(place.name, place.first, place.last)
 
-Conditions are fixed, and each has its own plants unless they are shared: a resample
-draws seeds within every set of plants, the same ones for all controllers.
+Conditions are fixed. A resample draws seeds with replacement within each set of plants
+that conditions share, the same seeds for all controllers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cc_mujoco.native import FloatArray as Array
 
 
 class Place(NamedTuple):
-    """Place of a controller; NaN where one seed gives no interval."""
+    """Mean error of a controller, its 95 % interval (NaN with one seed) and ranks."""
 
     name: str
     score: float  # mean normalised error
@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
     @property
     def real(self) -> bool:
-        """True if the interval excludes 0."""
+        """True if the difference is significant: its interval excludes 0."""
         return self.low > 0.0 or self.high < 0.0
 
     def __str__(self) -> str:
@@ -81,10 +81,10 @@ def normalise_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]
 def bootstrap_means(
     errors: Mapping[str, Array], plants: Sequence[str] = (), resamples: int = 10_000
 ) -> dict[str, Array]:
-    """Return the means of resamples, by controller (resamples,), in pairs.
+    """Return bootstrap means of the errors by controller, (resamples,), paired by seed.
 
-    Errors are (conditions, seeds) by controller; conditions with equal `plants` share
-    them, by default none do.
+    Errors are (conditions, seeds) by controller. Conditions with equal entries of
+    `plants` share their plants; by default each has its own.
     """
     conditions, seeds = next(iter(errors.values())).shape
     names = np.array(plants or range(conditions))
@@ -106,16 +106,16 @@ def bootstrap_means(
 def compare_resamples(
     one: Array, other: Array, mean: float, tests: int = 1
 ) -> Difference:
-    """Return the difference of two controllers.
+    """Return the difference between two controllers with its 95 % interval.
 
-    `one` and `other` are their resamples, see `bootstrap_means`, `mean` is the
-    difference itself; the interval is one among `tests` (Bonferroni).
+    `one` and `other` are bootstrap means (resamples,), `mean` is the difference of the
+    means themselves. The interval is widened for `tests` comparisons (Bonferroni).
     """
     return Difference(mean, *_interval(one - other, tests))
 
 
 def _interval(values: Array, tests: int = 1) -> tuple[float, float]:
-    """Return the ends of the interval of 95 % confidence, of one among `tests`."""
+    """Return the 95 % interval of `values`, Bonferroni-corrected for `tests`."""
     tail = 50.0 * (1.0 - 0.95) / tests
     low, high = map(float, np.percentile(values, [tail, 100.0 - tail]))
     return low, high
@@ -124,10 +124,10 @@ def _interval(values: Array, tests: int = 1) -> tuple[float, float]:
 def rank_controllers(
     errors: Mapping[str, Array], plants: Sequence[str] = ()
 ) -> list[Place]:
-    """Return all controllers, the best first.
+    """Return the places of all controllers, the lowest mean error first.
 
-    A controller is better than another where the interval of their difference excludes
-    0, for all pairs at once. Arguments are those of `bootstrap_means`.
+    One controller is better than another if the interval of their difference, corrected
+    for the number of pairs, excludes 0. For the arguments see `bootstrap_means`.
     """
     means = {name: float(np.mean(values)) for name, values in errors.items()}
     draws = bootstrap_means(errors, plants)

@@ -1,7 +1,7 @@
 """Results of the benchmark in Markdown: the best in a sentence, then all tables.
 
-Tables are rows of text, whose cells are Markdown: controllers are code, references are
-emphasised.
+Tables are rows of text with Markdown in their cells: controllers are set as code,
+references emphasised.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def all_tables(
 
 
 def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
-    """Return headings and tables of a device: ranks, conditions, scores and plants."""
+    """Return (heading, table) pairs of a device: ranks, conditions, scores, plants."""
     return [
         (
             "Ranks; a controller is better than another where the interval of their "
@@ -103,7 +103,7 @@ def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
 
 
 def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return the head of console output and tables: the best, and all controllers."""
+    """Return the best controller of each device and an overview, as Markdown."""
     parts = [
         best_sentence(results, baseline),
         f"Next: `{next_command(results)}`",
@@ -159,7 +159,7 @@ def _fold(title: str, *parts: str) -> str:
 
 
 def divergence_sentences(results: Results) -> list[str]:
-    """Return a sentence for each controller with episodes without a score."""
+    """Return a sentence per controller with the number of its diverged episodes."""
     lost: dict[str, list[Array]] = {}
     for cell, played in results:
         values = np.isnan(played.scores[ranked_score(played.scores)])
@@ -174,7 +174,7 @@ def divergence_sentences(results: Results) -> list[str]:
 
 
 def assumed_limits(results: Results) -> list[str]:
-    """Return a sentence for each device with joints of assumed `safe_torque`."""
+    """Return a sentence per device whose description gives no `safe_torque`."""
     found = []
     for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
         axes = [a for a in find_device(scene).description.axes if a.safe_is_assumed]
@@ -215,7 +215,7 @@ def comparison(errors: Errors, differing: list[str]) -> str:
 
 
 def overview_table(results: Results) -> Cells:
-    """Return error, chatter, motor peak, any failures, of controllers and devices."""
+    """Return error, chatter, motor peak and failures, by controller and device."""
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
     for own in by_device(results):
@@ -248,7 +248,7 @@ def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[Place]:
 
 
 def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
-    """Return the controllers without the references, the best first."""
+    """Return a table of all controllers but references by rank, the best first."""
     errors = entry_errors(rms)
     draws = ranking.bootstrap_means(errors, plant_names(rms))
     compared = baseline in errors
@@ -272,7 +272,7 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
 
 
 def conditions_table(own: DeviceResults) -> Cells:
-    """Return the normalised errors, a row per condition, with the error that is 1."""
+    """Return normalised errors, a row per condition, with the RMS error of `none`."""
     laws = [law for law in own.errors if law != SCALE_CONTROLLER]
     score = ranked_score(own.played[0][1].scores)
     measure = next(one.unit for one in EVERY_SCORE if one.name == score)
@@ -301,7 +301,7 @@ def scores_table(own: DeviceResults) -> Cells:
 
 
 def plants_table(own: DeviceResults) -> Cells:
-    """Return the plants of the ordinary condition, or of the first, a row per seed."""
+    """Return plant parameters in the ordinary (or first) condition, a row per seed."""
     chosen = [(c, r) for c, r in own.played if c.condition.usual] or own.played
     cell, played = next((c, r) for c, r in chosen if c.controller == SCALE_CONTROLLER)
     drawn = played.plants
@@ -326,7 +326,7 @@ def plants_table(own: DeviceResults) -> Cells:
 
 
 def times_table(results: Results) -> Cells:
-    """Return the median and worst time of a step, measured during the runs."""
+    """Return the median and worst computing time of each controller's step."""
     scenes: dict[str, dict[str, str]] = {}
     for cell, played in results:
         median = played.plants.get("step_median_s", [None])[0]

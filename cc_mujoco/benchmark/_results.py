@@ -1,6 +1,6 @@
-"""File of a benchmark's results, and the comparison of two.
+"""The results file of a benchmark, and the comparison of two.
 
-A row is an episode: scene, condition, controller, seed, normalised error, scores, drawn
+A row is an episode: scene, condition, controller, seed, normalised error, scores, true
 and assumed parameters. The metadata are the provenance: code, conditions, machine.
 """
 
@@ -55,7 +55,7 @@ class DeviceResults:
         return known[np.isfinite(known)]
 
     def mean_score(self, law: str, name: str) -> float:
-        """Return the mean of a score, NaN where no episode has it."""
+        """Return a controller's mean of a score over its episodes, NaN without any."""
         known = self.finite_scores(law, name)
         return float(np.mean(known)) if known.size else math.nan
 
@@ -86,7 +86,7 @@ def write_results(
     suite: str,
     makers: Mapping[str, Any],
 ) -> None:
-    """Write the file of results; `makers` see `_utils.provenance.code_provenance`."""
+    """Write the results file; `makers` is from `_utils.provenance.code_provenance`."""
     devices = {own.label: own for own in by_device(results)}
     entries: list[dict[str, Any]] = []
     for cell, played in results:
@@ -133,9 +133,9 @@ def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
 
 
 def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
-    """Read the rows of a results file, and their provenance.
+    """Return the rows and the provenance of a results file.
 
-    A file that was changed after it was written is refused.
+    Raises `CableError` if the file was changed after it was written.
     """
     if not Path(path).exists():
         raise CableError(f"there is no file {path} of results.")
@@ -160,10 +160,10 @@ def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
-    """Return the RMS errors of a results file, and its provenance.
+    """Return the RMS errors and the provenance of a results file.
 
     The provenance is the metadata of `write_results` with the seeds of every condition
-    (`seeds`). A file that was changed after it was written is refused.
+    (`seeds`). Raises `CableError` if the file was changed after it was written.
     """
     table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, list[float]]]]]] = {}

@@ -1,7 +1,7 @@
-"""Run of all cells, on several processes or a cluster, keeping finished ones.
+"""Run of all cells, on several processes or a cluster; finished cells are kept.
 
 Every finished cell has its files in `cells`; a later run of the same code and settings
-skips it. Cells share nothing, so the place of their run changes no bit.
+skips it. Cells are independent, so results do not depend on where they run.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """Choice of cells to run; empty is everything that the suite has.
+    """Selection of cells to run; an empty selection means all of the suite.
 
     As a `_workers.Job` its pieces are groups of cells.
     """
@@ -79,12 +79,12 @@ class BenchmarkPlan:
         return look_up("suite", self.suite, SUITES)
 
     def players(self) -> tuple[str, ...]:
-        """Return the references, `none` and the controllers, each once."""
+        """Return the references, `none` and the controllers, without repeats."""
         names = *self._suite.references, SCALE_CONTROLLER, *self.controllers
         return tuple(dict.fromkeys(names))
 
     def played(self) -> list[Condition]:
-        """Return all conditions; an unknown name is refused."""
+        """Return all selected conditions; raise `CableError` for an unknown name."""
         scenes = tuple(dict.fromkeys(self.scenes or self._suite.scenes))
         labels: dict[str, str] = {}
         for scene in scenes:
@@ -113,7 +113,8 @@ class BenchmarkPlan:
     def cells(self) -> list[Cell]:
         """Return all cells, in the order of tables.
 
-        None, an unknown name, and two whose files would have one name, are refused.
+        Raises `CableError` if there is none, a name is unknown, or two cells would have
+        files of the same name.
         """
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")
@@ -147,7 +148,7 @@ class BenchmarkPlan:
         return list(found.values())
 
     def rehearse(self) -> None:
-        """Build every condition and controller once: a bad name fails here."""
+        """Build every condition and controller once, so that errors show early."""
         shortest = {c.scene: replace(c, duration=1.1) for c in self.played()}
         self.cells()
         for condition in shortest.values():
@@ -174,7 +175,7 @@ class BenchmarkPlan:
 
 
 def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, Any]:
-    """Return the code, versions and user's files of controllers that were made."""
+    """Return the provenance of controllers and scenes: code, versions, user's files."""
     found = controller_provenance(*controllers)
     for scene in dict.fromkeys(scenes):
         found["files"] |= file_digests(find_device(scene).files, Path(scene).parent)
@@ -182,7 +183,7 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
 
 def require_ours(out: str | os.PathLike[str]) -> None:
-    """Check before long work that results may be written to a folder."""
+    """Raise `CableError` if results cannot or must not be written to a folder."""
     cells = Path(out, CELLS_FOLDER)
     atomic_io.require_ours(out, lambda _: any(map(is_marked, cells.glob("*.parquet"))))
     atomic_io.require_unmodified(out, TEXT_FILES)
@@ -199,17 +200,17 @@ def run(
     progress: Callable[[float], None] = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> list[tuple[Cell, CellResult]]:
-    """Run every cell that is not done and return all, in the order of the plan.
+    """Run every cell that is not finished; return all, in the order of the plan.
 
     Args:
-        plan: Choice of cells.
+        plan: Selection of cells.
         out: Folder; cells lie in `cells` inside.
         workers: Processes; 0 means one per processor.
-        scheduler: Address of a Dask scheduler whose workers play instead.
+        scheduler: Address of a Dask scheduler whose workers run the cells instead.
         worker_timeout: Time without any worker after which to give up [s].
         again: Run finished cells again.
-        progress: Called with the number of cells that are done.
-        say: Called with a sentence on remains of an earlier run, if there are any.
+        progress: Called with the number of finished cells.
+        say: Called with a sentence about results of an earlier run, if there are any.
 
     Raises:
         CableError: If a name is unknown, a controller cannot be used or the folder
@@ -285,7 +286,7 @@ def _tables(
 
 
 def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
-    """Return a finished cell, or None and how its code differs from this."""
+    """Return a finished cell, or None and differences of its code from the present."""
     found: list[pa.Table] = []
     now = _cell_key(cell)
     for file in _files(cell):
@@ -311,8 +312,8 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
 def time_steps(cell: Cell) -> tuple[float, float]:
     """Return the median and the worst time of a step of a cell's controller [s].
 
-    Steps are calls of `Controller.torque` with the numbers of the first seed. It is
-    time of the processor, so that other work on the machine does not count.
+    A step is a call of `Controller.torque` with measurements of the first seed. It is
+    processor time, so that other work on the machine does not count.
     """
     # 1.1 s are timed, after compilation.
     short = replace(cell.condition, duration=1.1)

@@ -1,4 +1,4 @@
-"""Suites: devices, conditions, and numbers of seeds."""
+"""Suites of the benchmark: devices, conditions, and numbers of seeds."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from cc_mujoco.errors import CableError, look_up
 
 
 def structure_conditions(scene: str) -> list[Condition]:
-    """Return the conditions of a device with structure that its controller lacks.
+    """Return conditions whose plants have an effect that the controller's model lacks.
 
-    The first is the ordinary one, in which the model lacks nothing.
+    The first is the ordinary one, without such an effect.
     """
     device, plain = find_device(scene), generic.plain_condition(scene)
     found = [named_condition(plain, "-".join(DEFAULT_CONDITION))]
@@ -98,7 +98,7 @@ def _single_changes(plain: Condition) -> list[Condition]:
 
 @dataclass(frozen=True)
 class Suite:
-    """Conditions that are played, and the number of seeds."""
+    """Devices and conditions to simulate, and the number of seeds."""
 
     meaning: str
     scenes: tuple[str, ...]
@@ -113,7 +113,7 @@ class Suite:
 
     @property
     def references(self) -> tuple[str, ...]:
-        """References of its tables, all of which are of torque."""
+        """References of its tables; () where an angle is commanded, not a torque."""
         return () if self.commands_angle else tuple(REFERENCES)
 
     @property
@@ -122,7 +122,7 @@ class Suite:
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:
-        """Return all conditions of a device; one that the suite lacks is refused."""
+        """Return all conditions of a device; raise `CableError` if it has none."""
         if scene in self.left_out:
             raise CableError(
                 f"the suite has {scene!r} no more: {self.left_out[scene]}; "

@@ -1,12 +1,12 @@
-"""A controller from outside in a process of its own.
+"""A user's controller in a process of its own.
 
     law = Entry("my_module:my_function", drives, prefixes)     # a `Controller`
     torque = law.torque(measured)
 
-The process that judges sends it the drive and what is measured, and takes torques, as
-bytes of numbers, and nothing else. So whatever the code of an entry changes in Python,
-it changes in its own process: neither a plant, a score nor another entry. Seeds and
-plants are not sent. One process serves an entry for as long as that of the judge lives.
+The benchmark's process sends it the drive and the measurements as bytes and receives
+torques, nothing else. So code of a user cannot change plants, scores or other entries
+by changing Python objects, and does not get seeds. One process serves an entry until
+the benchmark ends.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ _processes: dict[str, _Process] = {}  # process of every entry that this process
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
-    """Return package versions, source digests and user-file digests of controllers.
+    """Return package versions, and digests of source and user files, of controllers.
 
-    They were made in this process; entries that run in a process of their own
-    contribute the files they loaded there.
+    The controllers were made before; those in processes of their own contribute the
+    files that they loaded there.
     """
     others = [name for name in names if not registry.runs_code(name)]
     found = code_provenance(
@@ -58,10 +58,10 @@ def controller_provenance(*names: str) -> dict[str, Any]:
 
 
 def blank_command_line(*options: str) -> None:
-    """Overwrite the values of options in the command line of this process.
+    """Overwrite the values of secret options in this process's command line.
 
-    Every process of the same user can read it, an entry too; on other systems than
-    Linux it stays what it is.
+    Other processes of the same user, such as an entry, could read them there. Only on
+    Linux; elsewhere nothing is changed.
     """
     if sys.platform != "linux":
         return
@@ -78,15 +78,15 @@ def blank_command_line(*options: str) -> None:
 
 
 class Entry(Controller):
-    """Proxy, in the judging process, of a controller in its own process."""
+    """Proxy of a controller that runs in a process of its own."""
 
     def __init__(
         self, name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
     ) -> None:
-        """Make the controller in its process, which is started if none runs yet.
+        """Create the controller in its process, which starts if it does not run yet.
 
-        `name` is `module:function`, or such a name by axis; `drives` are those of every
-        axis of each plant.
+        `name` is `module:function`, or such names by axis; `drives` has the drive of
+        every axis for each plant, `prefixes` the column prefix of every axis.
         """
         super().__init__(drives[0][0])
         self.name = name
@@ -130,7 +130,7 @@ class _Process:
         atexit.register(self.end)
 
     def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:
-        """Make the controller; return the key by which it is called."""
+        """Create a controller in the process; return its key for later requests."""
         answer = json.loads(self.ask("make", 0, (self._name, drives, prefixes)))
         files = answer.get("files") if isinstance(answer, dict) else None
         if not isinstance(files, dict):
@@ -139,7 +139,7 @@ class _Process:
         return int(answer["key"])
 
     def ask(self, what: str, key: int, about: Any) -> bytes:
-        """Return the answer to a question; an entry that raises or ends is an error."""
+        """Return the answer to a request; raise `CableError` if the process fails."""
         assert self.process.stdin is not None and self.process.stdout is not None
         try:
             _send(self.process.stdin, pickle.dumps((what, key, about)))

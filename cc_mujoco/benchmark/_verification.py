@@ -1,8 +1,9 @@
-"""Random rows of a file of results, played again and compared bit for bit.
+"""Replay of random rows of a results file, compared bit for bit.
 
     verify("runs/benchmark/results.parquet", 5)
 
-The operating system draws the rows: the writer of the file cannot know which.
+The operating system's random numbers select the rows, which the writer of the file
+cannot predict.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from cc_mujoco.errors import CableError, look_up
 
 
 def verify(path: str | os.PathLike[str], count: int) -> str:
-    """Play random rows of a file of results again, each with the others of its cell.
+    """Simulate `count` random rows of a results file again, and compare all bits.
 
-    Return in a sentence how much was compared. Computing times are not compared. Of
-    every row of the file the normalised error is computed anew from the RMS errors.
-    A file that was changed, that other code made, with conditions that this version
-    does not have, or with a row that a replay does not give, is refused.
+    Each is simulated with the others of its cell; computing times are not compared. The
+    normalised error of every row is recomputed from the RMS errors. Returns a sentence
+    with the number of compared rows. Raises `CableError` if the file was changed or
+    made by other code, has conditions unknown to this version, or a replay differs.
     """
     table, about = read_rows(path)
     if not 1 <= count <= len(table):
@@ -86,7 +87,7 @@ def _cell_of_row(row: dict[str, Any]) -> tuple[str, str, str]:
 
 
 def _source(about: dict[str, Any], label: str) -> str:
-    """Return the name or file of a device; earlier versions wrote no label for it."""
+    """Return the name or file of a labelled device; old files have only the label."""
     return str(about.get("devices", {}).get(label, label))
 
 

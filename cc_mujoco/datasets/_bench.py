@@ -46,6 +46,9 @@ from cc_mujoco.plugin._spec import error_sentence, read_spec
 class Bench:
     """One or two cables between a motor's joint and an output joint.
 
+    The cables' own torque and angle at the output joint count positive where `names[0]`
+    pulls.
+
     Attributes:
         path: path of the scene.
         sha256: SHA-256 of its text.
@@ -57,26 +60,27 @@ class Bench:
         motor_radius: radius of the motor's pulley [m].
         joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
         lever: lever that the cable pulls in place of a pulley, or None.
-        led: parts of the cables that the joint moves besides their ends.
-        others: names of other joints that move the cables, whose angles are recorded.
-        pulled_by: other axes' cables that pull at the joint, too.
-        stops: smallest and largest angle of each of `others`, infinite without [rad].
+        led: parts of the cables that move with the joint, see `Leading`.
+        others: names of other joints that move the cables; trials record their angles.
+        pulled_by: cables of other axes that pull at the output joint too.
+        stops: range (low, high) of each of `others` [rad], infinite without stops.
         strangers: names of the scene's cables that are not of this axis.
-        angle_columns: column by name of another axis's joint in a log of the device.
-        span: angles of the joint between which the scene is known [rad].
-        drawn_radius: `joint_radius` as the scene has it [m].
-        axis: name of the axis of a device with several; empty else.
+        angle_columns: by name of another axis's joint, the column of its angle in a
+            log of the device.
+        span: output joint angles (low, high) at which the scene is valid [rad].
+        drawn_radius: `joint_radius` before `[rig]` replaces it [m].
+        axis: name of the axis of a device with several; "" for a device with one.
         centre: joint angle about which a planned motion goes [rad].
-        reach: excursion of the joint from there in a plan [rad]; infinite where it has
-            no stops.
-        arm: coefficients a, b of the moment arm 1 + a q + b q^2 at the joint over that
-            at 0, from angle pairs; () where the scene has it.
-        ends_held: whether the ends are held while drum or conduit moves, so that both
-            have one measured angle.
+        reach: largest excursion of a planned motion from `centre` [rad]; infinite
+            without stops.
+        arm: a, b of the moment arm 1 + a q + b q^2 relative to that at joint angle
+            q = 0, from `[rig] angle_pairs`; () without pairs.
+        ends_held: True if both cable ends are fixed while a drum or the conduit moves,
+            so that one measured angle serves for both ends.
         torque_noise: standard deviation of the joint's torque sensor, 0 where the
             description gives none [N m].
-        exit_angle: around the motor's pulley, from where the agonist leaves it to where
-            the antagonist does [rad].
+        exit_angle: angle around the motor's pulley from the point where the agonist
+            cable leaves it to the point where the antagonist does [rad].
     """
 
     path: Path
@@ -106,23 +110,24 @@ class Bench:
 
     @property
     def transmission(self) -> Transmission:
-        """The cables on their pulleys; of a lever, on the pulley that it is at 0."""
+        """The cables on two round pulleys, that of a lever with its arm at 0."""
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
 
     @property
     def profile(self) -> Lever | MomentArm | None:
-        """The arm at the joint by its angle; None where a pulley keeps its radius."""
+        """The moment arm as a function of joint angle; None for a round pulley."""
         return MomentArm(self.arm) if self.arm else self.lever
 
     @property
     def tied(self) -> bool:
-        """Return whether the end of an open path is where the cable pulls the joint."""
+        """Return whether a tendon in the open, not a pulley, turns the joint."""
         return self.led in OPEN_PATHS and self.lever is not None
 
     def courses(self, segments: int) -> tuple[CoupledPath, ...]:
-        """Return the paths of cables that the joint leads, in at least these segments.
+        """Return each cable's path by joint angle; () if only cable ends move.
 
-        A path in the open needs a segment at each bend, which those of the scene are.
+        Paths have `segments` segments. A cable in the open has at least those of the
+        scene.
         """
         if not self.led:
             return ()
@@ -130,7 +135,7 @@ class Bench:
 
     @property
     def coupled(self) -> CoupledScene:
-        """The scene of the paths."""
+        """Scene, cables and joint range from which paths are computed."""
         sign = 1.0 if self.lever is None else self.lever.sign
         return CoupledScene(
             str(self.path), self.sha256, self.names, self.joint, *self.span, sign
@@ -139,16 +144,20 @@ class Bench:
     def recorded_path(
         self, joint: FloatArray, others: FloatArray, ramp: int = 0
     ) -> RecordedPath | None:
-        """Return the paths of the cables along a recording; None if no other moves."""
+        """Return the cables' recorded paths; None if only the driven joint moves them.
+
+        Angles are (samples,) and (others, samples) [rad]; for `ramp` see
+        `RecordedPath`.
+        """
         if not self.others:
             return None
         return RecordedPath(self.coupled, self.others, joint, others, ramp)
 
     def recorded_angles(self, with_torque: bool = True) -> dict[str, str]:
-        """Return the other joints whose angles are needed, with their columns in a log.
+        """Return the column of the angle of every other joint that a trial must record.
 
-        With a measured torque at the joint also those from which that of other axes'
-        cables is taken off.
+        These joints move the cables or, `with_torque` of the joint measured, also the
+        paths of other axes' cables, whose torque is subtracted from the measured one.
         """
         needed = dict.fromkeys(self.others)
         for cable in self.pulled_by if with_torque else ():
@@ -158,20 +167,21 @@ class Bench:
 
     @property
     def other_axes(self) -> tuple[str, ...]:
-        """Names of the device's other axes, with which their columns begin."""
+        """Names of the device's other axes, which are prefixes of their columns."""
         end = f".{channels.JOINT_ANGLE}"
         columns = self.angle_columns.values() if self.axis else ()
         return tuple(column.removesuffix(end) for column in columns)
 
     @property
     def min_cable_segments(self) -> int:
-        """Segments that the cables have at least: a path in the open needs its own."""
+        """Least number of segments of a cable; that of the scene in the open."""
         return max(c.segments for c in self.cables) if self.led in OPEN_PATHS else 1
 
     def turned(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
-        """Return a pulley's angle that takes as much cable as the joint (samples,).
+        """Return the angle of a pulley of `joint_radius` that takes up as much cable.
 
-        `path` is that of a recording in which other joints move, too.
+        Angles are (samples,) [rad]; `path` is used where other joints move the cable
+        too.
         """
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
@@ -179,12 +189,12 @@ class Bench:
         return joint if self.profile is None else self.profile.turned(joint)
 
     def along_lead_in(self, path: RecordedPath) -> FloatArray:
-        """Return `turned` in the first part of a path's lead-in (ramp + 1,)."""
+        """Return the pulley angle (ramp + 1,) [rad] in the first half of a lead-in."""
         course = path.along(path.joint, self.min_cable_segments)[0]
         return np.asarray(-course.reach[: path.ramp + 1] / self.drawn_radius)
 
     def share(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
-        """Return the arm at the joint over that at 0 (samples,); see `turned`."""
+        """Return the moment arm at joint angles [rad] over that at 0; see `turned`."""
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
             return np.asarray(-course.slope[2 * path.ramp :] / self.drawn_radius)
@@ -193,14 +203,14 @@ class Bench:
     def following(
         self, joint: FloatArray, path: RecordedPath | None = None
     ) -> FloatArray:
-        """Return the motor angle at which the cables keep their length (samples,)."""
+        """Return the motor angle (samples,) [rad] at which cables keep their length."""
         ratio = self.joint_radius / self.motor_radius
         return np.asarray(ratio * self.turned(joint, path))
 
     def carried(self, motor: FloatArray) -> FloatArray:
-        """Return the joint angle at which the cables keep their length (samples,).
+        """Return the joint angle (samples,) [rad] at which cables keep their length.
 
-        At the ends of what the scene is known for it stays.
+        It is clipped to the angles at which the scene is valid.
         """
         if self.profile is None:
             return np.asarray(self.motor_radius / self.joint_radius * motor)
@@ -214,7 +224,7 @@ class Bench:
         joint_angle: FloatArray,
         others: FloatArray | None = None,
     ) -> Driven:
-        """Play both angles through the cables of the scene, from rest.
+        """Simulate the cables of the scene, from rest, with both end angles prescribed.
 
         Args:
             dt: time between samples [s].
@@ -245,13 +255,14 @@ class Bench:
         )
 
     def known(self, constants: Mapping[str, Constant]) -> Bench:
-        """Return the bench with constants of the rig's file in place of the scene's.
+        """Return the bench with constants of `[rig]` in place of those of the scene.
 
         Args:
             constants: constants of `[rig]`, see `RIG_CONSTANTS`.
 
         Raises:
-            CableError: a radius of the joint, where the scene's path has the arm.
+            CableError: `joint_radius` or `angle_pairs` is given, but the scene's tendon
+                already defines the moment arm.
         """
         if self.tied and "joint_radius" in constants:
             raise CableError(
@@ -287,13 +298,13 @@ class Bench:
         cables: Collection[str] | None = None,
         driven: str = "",
     ) -> Bench:
-        """Read a scene.
+        """Read a bench from a scene.
 
         Args:
             scene: MJCF file, file of a description, or name of a built-in scene.
             axis: name of the axis, of a device with several.
             cables: names of the cables, in place of an axis.
-            driven: joint that these drive, where several move them.
+            driven: joint that the cables drive, if several joints move them.
 
         Raises:
             CableError: the scene cannot be read, has several axes of which none is
@@ -441,7 +452,7 @@ def _require_axis(source: str | Path) -> None:
 
 
 class _Ends(NamedTuple):
-    """Joint and gear of both ends of a cable; a lever's gear is that of a pulley."""
+    """Joint and gear [m] at both ends of a cable; a lever's gear is its arm at 0."""
 
     motor: str
     proximal: float
@@ -458,7 +469,7 @@ def _cable_connections(
     cable: Cable,
     driven: str,
 ) -> _Ends:
-    """Return the two joints that a cable connects; several may move it, one driven."""
+    """Return both joints that a cable connects; `driven` decides if several move it."""
     ends: list[tuple[str, float]] = []
     lever = None
     for actuator in spec.actuators:

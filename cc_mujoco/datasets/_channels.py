@@ -1,7 +1,7 @@
-"""Channels that a trial may hold, in one table, and the units their readings come in.
+"""Table of the channels that a trial may hold, and the units of their readings.
 
-A channel is called by its column, whose name ends in the unit: `motor_angle_rad`. The
-same column in another unit may be called by that unit: `motor_angle_deg`.
+A channel has the name of its column, which ends in the unit: `motor_angle_rad`. A file
+may hold it in another unit under that unit's name: `motor_angle_deg`.
 """
 
 from __future__ import annotations
@@ -60,24 +60,24 @@ def is_tension(column: str) -> bool:
 
 
 def other_angle(joint: str) -> str:
-    """Return the channel of the angle of a joint that is not the driven one."""
+    """Return the channel of the angle of a joint other than the driven one."""
     return f"{joint}_angle_rad"
 
 
 def is_other_angle(channel: str) -> bool:
-    """Return whether a channel is the angle of a joint that is not the driven one."""
+    """Return whether a channel is the angle of a joint other than the driven one."""
     return channel not in ANGLES and bool(re.fullmatch(r".+_angle_rad", channel))
 
 
 def cable_end(tension: str) -> tuple[str, str]:
-    """Return the cable and the end of a tension channel; "" for the only cable."""
+    """Return cable ("" for the only one) and end of `tension_<cable>_<end>_n`."""
     found = _tension(tension)
     assert found is not None
     return found[1] or "", found[2]
 
 
 def further(column: str) -> str:
-    """Return the channel of a column that is none of a rig's and is requested."""
+    """Return the channel of a column outside the table that a custom effect reads."""
     return f"column {column}"
 
 
@@ -90,7 +90,7 @@ def further_column(channel: str) -> str:
 
 
 def bare_name(column: str) -> str:
-    """Return the name of a column without its struct, group, topic or file."""
+    """Return the last part of a column's name: `q` of `data.q` or `/topic/q`."""
     return re.split(r"[./]", column)[-1]
 
 
@@ -103,7 +103,7 @@ def spellings(channel: str) -> dict[str, str]:
 
 
 def tension_channel(column: str) -> str:
-    """Return the tension channel of a column in any unit of force, or ""."""
+    """Return the channel of a tension column in any unit of force, "" if it is none."""
     name = r"(tension_(?:.+_)?(?:proximal|distal)_)[a-z]+"
     if (found := re.fullmatch(name, column)) is None:
         return ""
@@ -115,7 +115,7 @@ def tension_channel(column: str) -> str:
 
 
 def explain_unknown_column(column: str) -> str:
-    """Return the quantity of a column without a channel by its unit, and advice."""
+    """Return advice on a column that is no channel, by its unit; "" if unknown."""
     hints = {
         "mm cm": "a length; over the radius of its pulley it is an angle in rad",
         "rpm rps": "a speed; its integral over time is an angle",

@@ -1,8 +1,7 @@
-"""The time of a recording: from rows as recorded to stretches sampled evenly.
+"""The time of a recording: from recorded rows to evenly sampled stretches.
 
 A gap, a missing reading or a masked row ends a stretch; nothing is interpolated across
-it. Only where times jitter inside a stretch is it sampled anew, linearly: between times
-that are those of the readings, however uneven, the error is that of the chord.
+it. A stretch whose sampling times jitter is resampled evenly by linear interpolation.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from cc_mujoco.datasets._trials import FloatArray, TrialFacts
 
 
 class _Limits(NamedTuple):
-    """Requirements on the times of a recording."""
+    """Limits on the times of a recording, beyond which it is refused or reported."""
 
     missing: float = 0.3  # largest share of times, or of a channel's readings
     run: int = 20  # rows in order that are a recording of their own
@@ -46,13 +45,12 @@ GAP_FACTOR = 3.0  # an interval longer than this multiple of the usual one is a 
 
 
 def sort_rows(recording: Recording) -> Recording | None:
-    """Bring the rows of every clock of a recording into order.
+    """Return the recording with the rows of every clock by increasing time.
 
-    Rows that a logger wrote late or a database returned in any order are sorted. None
-    where times cannot be trusted: where time goes back and is covered twice, two
-    recordings were joined or a clock was set, and no order is right; where it runs
-    backwards, the rows may be reversed, or the clock may count down. Rows without a
-    time or with that of another are left out.
+    Rows that a logger wrote late or a database returned in any order are sorted. Rows
+    without a time, and all but the first of those with equal times, are left out. The
+    result is None, with a finding, if two runs of rows cover the same time (recordings
+    were joined or a clock was set) or if time runs backwards throughout.
     """
     times = {TIME: recording.values[TIME], **recording.clocks}
     orders = {}
@@ -75,7 +73,7 @@ def sort_rows(recording: Recording) -> Recording | None:
 def _row_order(
     recording: Recording, channel: str, time: FloatArray
 ) -> NDArray[np.intp] | slice | None:
-    """Return rows of a clock by increasing time, or None if it is unreliable."""
+    """Return rows by increasing `time` [s]; None, with a finding, if not possible."""
     if (np.diff(time) > 0).all() and np.isfinite(time).all():
         return slice(None)
 
@@ -172,7 +170,7 @@ class SampledTrack:
     def thinned(
         self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
     ) -> SampledTrack:
-        """Return fewer samples of all signals, in segments of these sizes."""
+        """Return the track with `thin` applied to each signal, in parts of `counts`."""
         values = {channel: thin(value) for channel, value in self.values.items()}
         segments = tuple(part for part in _slices(counts) if part.stop > part.start)
         return replace(self, time=thin(self.time), values=values, segments=segments)
@@ -186,9 +184,9 @@ def _slices(counts: Iterable[int]) -> tuple[slice, ...]:
 def find_segments(
     recording: Recording, facts: TrialFacts, file: DatasetFile
 ) -> SampledTrack | None:
-    """Find the stretches of a recording that can be used, None if there are none.
+    """Return the usable stretches of a recording, evenly sampled; None without any.
 
-    Its times must increase (see `sort_rows`).
+    The times must increase, as `sort_rows` leaves them.
     """
     for remark in recording.remarks:
         recording.findings.append(warning(remark, recording.name))
@@ -245,7 +243,7 @@ def find_segments(
 def _suggest_time_unit(
     recording: Recording, file: DatasetFile, rate: float, lasts: float
 ) -> str:
-    """Return the declaration for times in another unit, or "" if none fits."""
+    """Return advice to declare another unit of time if that gives a likely rate."""
     label = recording.labels.get(TIME, TIME)
     now = CLOCK.factors[file.unit(TIME, label)]
     for unit, factor in CLOCK.factors.items():
@@ -285,7 +283,7 @@ def _on_one_clock(
 def _interpolate(
     wanted: FloatArray, clock: FloatArray, values: FloatArray, digit: float
 ) -> FloatArray:
-    """Return values at other times, NaN outside, in gaps and near missing readings."""
+    """Return values at times `wanted` [s]; NaN outside `clock` and in its gaps."""
     if len(clock) < 2:
         return np.full_like(wanted, np.nan)
     interval = np.diff(clock)
@@ -298,7 +296,7 @@ def _interpolate(
 def _counted_samples(
     recording: Recording, values: dict[str, FloatArray], facts: TrialFacts
 ) -> NDArray[np.bool_]:
-    """Return which samples count: none missing or masked, in declared stretches."""
+    """Return the mask (rows,) of complete rows that are unmasked and declared valid."""
     time = recording.values[TIME]
     good = np.ones(len(time), dtype=bool)
     mask = values.get(VALID)
@@ -342,7 +340,7 @@ def _counted_samples(
 
 
 def _gaps(recording: Recording, time: FloatArray, step: float) -> NDArray[np.intp]:
-    """Return the rows after a gap, and report gaps and rows that come in bunches."""
+    """Return the first row after each gap in `time` [s]; report gaps and bunches."""
     change = np.diff(time)
     gap = change > GAP_FACTOR * step
     if gap.any():
@@ -368,7 +366,7 @@ def _gaps(recording: Recording, time: FloatArray, step: float) -> NDArray[np.int
 def _counted_runs(
     good: NDArray[np.bool_], breaks: NDArray[np.intp], fewest: int
 ) -> tuple[slice, ...]:
-    """Return the runs of valid samples that are long enough and have no gap."""
+    """Return the runs of `good` rows without a break and of at least `fewest` rows."""
     edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
     runs = []
     for start, stop in edges.reshape(-1, 2):
@@ -415,9 +413,10 @@ def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
 def decimate(
     recording: Recording, track: SampledTrack, most: int = 60_000
 ) -> SampledTrack:
-    """Average neighbours, then keep evenly spread stretches, to few samples.
+    """Return a track of at most `most` samples: average neighbours, then cut windows.
 
-    By default two minutes at 500 Hz, which is the lowest rate after averaging.
+    Blocks of samples are averaged down to 500 Hz at least. If that is not enough, 12
+    windows evenly spread over the track are kept. The default is two minutes at 500 Hz.
     """
     before, rate = sum(track.counts), 1.0 / track.step
     if before <= most:
@@ -456,7 +455,7 @@ def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
 
 
 def _even_windows(track: SampledTrack, length: int, count: int) -> SampledTrack:
-    """Return the first `length` samples of each of `count` equal parts."""
+    """Return the first `length` samples of each of `count` equal parts of the track."""
     rows = np.concatenate([np.arange(part.start, part.stop) for part in track.segments])
     segment = np.repeat(np.arange(len(track.segments)), track.counts)
     pieces: list[NDArray[np.intp]] = []

@@ -1,7 +1,7 @@
 """Assignment of the columns of a file to channels and units.
 
 A column in a struct, group, topic or file of a trial may be called by its last name
-alone (`motor_angle_deg` for `data.motor_angle_deg`) where there is one such.
+alone (`motor_angle_deg` for `data.motor_angle_deg`) if only one column has that name.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ DATASET_FILE = "dataset.toml"
 
 
 def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return the columns of seconds and nanoseconds of message stamps, by stem."""
+    """Return the columns (seconds, nanoseconds) of ROS message stamps, by stem."""
     found = {}
     nanoseconds = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
     for name in names:
@@ -69,10 +69,11 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
 def channel_sources(
     where: str, names: Sequence[str], file: DatasetFile, others: Collection[str] = ()
 ) -> dict[str, str]:
-    """Return the column of every channel that a trial has, time aside.
+    """Return the column of every channel of a trial but its time.
 
-    `others` are joints whose angles are needed besides that of the driven one. A torque
-    may be missing where something stands in for it, see `DatasetFile.has_substitute`.
+    `where` names the trial in errors, and `names` are its columns. `others` are joints
+    besides the driven one whose angles are needed. A torque may be missing if something
+    replaces it, see `DatasetFile.has_substitute`.
     """
     with naming(where):
         tensions = [channels.tension_channel(channels.bare_name(n)) for n in names]

@@ -1,8 +1,8 @@
-"""Cables that the joint leads: bends that move with it, and pieces in the open.
+"""Cables whose path a joint changes: moving bends of a conduit, and open pieces.
 
-The scene's own path, at every angle of the joint, in the angles of the data: positive
-where the cable pulls. Where other joints move it as well, it is the path at every
-sample of a recording, see `RecordedPath`.
+Paths come from the scene, tabulated over the joint's angle as the data count it:
+positive where the cable pulls. If other joints move the cable as well, its path is
+computed at every sample of a recording, see `RecordedPath`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ OPEN_PATHS = ("open", "mixed")
 
 
 def path_motion(cable: Cable) -> Leading:
-    """Return which parts of a cable a joint may move."""
+    """Return the parts of a cable that a joint may move, see `Leading`."""
     if cable.path in ("mixed", "open"):
         return cast("Leading", cable.path)
     return "bent" if cable.bend == "route" else ""
@@ -47,8 +47,9 @@ def tied_joint(
 ) -> tuple[str, float, Lever]:
     """Return the joint that an open path turns, its moment arm at 0 [m], and its lever.
 
-    `driven` is the joint of the axis, of a path that several move. A path that moves
-    with no joint or no hinge, or that has no arm at 0, is refused.
+    If several joints move the path, `driven` is the one of the axis. Raises
+    `CableError`, which begins with `where`, if no hinge moves the path or the arm at 0
+    is zero.
     """
     joint = single_hinge(
         model, moving_joints(model, name), f"{where} lies along a path that", driven
@@ -62,7 +63,10 @@ def tied_joint(
 
 
 def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> list[str]:
-    """Return the joints that move the path of a cable besides the one that it turns."""
+    """Return the joints that move the path of the cable `name`, except `joint`.
+
+    Raises `CableError` if one is no hinge or its angle has the name of another channel.
+    """
     others = [each for each in moving_joints(model, name) if each != joint]
     for each in others:
         if model.joint(each).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
@@ -87,7 +91,7 @@ class PullingCable(NamedTuple):
 def pulling_cables(
     model: mujoco.MjModel, joint: str, cables: Mapping[str, Cable], where: str
 ) -> list[PullingCable]:
-    """Return those of the cables of other axes that pull at a joint."""
+    """Return those of `cables`, which belong to other axes, that pull at a joint."""
     return [
         PullingCable(
             name,
@@ -113,10 +117,11 @@ class CoupledScene(NamedTuple):
 class RecordedPath:
     """The paths of cables along recorded angles of all joints that move them.
 
-    The driven joint's own angle is uncertain by its offset, its clock and its noise, so
-    paths are tabulated along the recorded motion with that joint turned aside by a few
-    steps, as they are needed, and interpolated. Rows begin with a lead-in from the pose
-    of the scene to the first sample.
+    The recorded angle of the driven joint has an unknown offset, delay and noise, so a
+    fit asks for paths at slightly different angles. Paths are therefore tabulated along
+    the recording with this joint shifted by multiples of `aside`, and interpolated.
+    Twice `ramp` rows precede the samples: the way from the pose of the scene to the
+    first sample, then a stay there.
     """
 
     scene: CoupledScene
@@ -134,7 +139,7 @@ class RecordedPath:
 
     @cached_property
     def _share(self) -> FloatArray:
-        """Share of the way from the pose of the scene (rows,)."""
+        """Fraction (rows,) of the way from the scene's pose to the recorded one."""
         ahead = np.linspace(0.0, 1.0, self.ramp + 1)[:-1]
         return np.concatenate([ahead, np.ones(self.ramp + self.joint.size)])
 
@@ -143,12 +148,12 @@ class RecordedPath:
         return replace(self, joint=joint, angles=angles)
 
     def with_lead_in(self, signal: FloatArray) -> FloatArray:
-        """Return a signal of the samples with the rows that lead in from 0 (rows,)."""
+        """Return a signal (samples,) preceded by its rise from 0 in the lead-in."""
         start = np.full(2 * self.ramp, signal[0])
         return np.asarray(self._share * np.concatenate([start, signal]))
 
     def along(self, joint: FloatArray, segments: int) -> tuple[CoupledPath, ...]:
-        """Return the paths of cables, by row, for a motion near the recorded one."""
+        """Return each cable's path by row, at joint angles (samples,) [rad]."""
         aside = np.clip(joint - self.joint, -0.5, 0.5)
         aside = np.concatenate([np.full(2 * self.ramp, aside[0]), aside])
         steps = np.floor(aside / self.aside).astype(int)
@@ -167,7 +172,7 @@ class RecordedPath:
         )
 
     def _tabulated(self, segments: int, step: int) -> tuple[CoupledPath, ...]:
-        """Return the paths with the driven joint shifted by `step` steps."""
+        """Return the paths with the driven joint shifted by `step * aside` [rad]."""
         key = segments, step
         if key not in self._known:
             scene = self.scene
@@ -195,7 +200,7 @@ def _poses(
     joint: FloatArray,
     others: Mapping[str, FloatArray],
 ) -> FloatArray:
-    """Return the poses (samples, nq) with these angles and the rest as in the scene."""
+    """Return `qpos` (samples, nq) with these joint angles [rad] in the scene's pose."""
     poses = np.tile(model.qpos0, (joint.size, 1))
     place = int(model.joint(scene.joint).qposadr[0])
     poses[:, place] = scene.sign * np.clip(joint, scene.low, scene.high)
@@ -212,13 +217,12 @@ def pulling_torque(
     proximal: FloatArray | None,
     distal: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Bound the torque of another axis's cable at the joint by its measured tensions.
+    """Return bounds of the torque of another axis's cable at the joint [N m].
 
-    Between its ends the tension changes by no more than friction along the bends lets
-    it, T exp(+-friction wrap); where the whole cable slides the bounds are one. `joint`
-    is in the count of the data [rad], `proximal` or `distal` is the tension of that end
-    [N]; one may be None. All are (samples,), as are the least and the largest torque
-    [N m] that are returned.
+    Over a bend of angle `wrap` friction changes a tension T at most to T exp(+-friction
+    wrap); this bounds the tension along the cable by those measured at its ends.
+    `joint` (samples,) [rad] counts as in the data, `others` are angles by joint,
+    `proximal` and `distal` are end tensions (samples,) [N], one of which may be None.
     """
     model = _model_of(scene, 0)
     poses = _poses(model, scene, joint, others)
@@ -264,10 +268,10 @@ def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPat
 def _between(
     here: CoupledPath, there: CoupledPath, share: FloatArray, turn: FloatArray
 ) -> CoupledPath:
-    """Return a path between two, with displacements that follow their slopes.
+    """Return a path between `here` and `there`, its displacements by Hermite cubics.
 
-    `share` (rows,) is the way from `here`, with the joint less far aside, to `there`,
-    and `turn` (rows,) that of the joint [rad].
+    `share` (rows,) is the position between them, 0 `here` and 1 `there`; `turn` (rows,)
+    is the change of the joint's angle from `here` to `there` [rad].
     """
 
     def linear(name: str) -> FloatArray:
@@ -290,10 +294,7 @@ def _between(
 
 @lru_cache(maxsize=16)
 def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
-    """Return the model of a scene with `segments` segments per cable.
-
-    With 0 they have as many as in its file.
-    """
+    """Return the scene's model with `segments` segments per cable; 0 keeps its own."""
     spec = mujoco.MjSpec.from_file(scene.path)
     for name, cable in from_mjcf(spec).items():
         if segments and name in scene.names:
@@ -303,7 +304,7 @@ def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
 
 @lru_cache(maxsize=16)
 def path_tables(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
-    """Return the paths of the cables of a scene at the angles of the data."""
+    """Return each cable's path over the joint's range, in the sign of the data."""
     model = _model_of(scene, segments)
     ends = sorted((scene.sign * scene.low, scene.sign * scene.high))
     angles = np.linspace(ends[0], ends[1], 2001)

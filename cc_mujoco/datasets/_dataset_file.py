@@ -1,4 +1,4 @@
-"""`dataset.toml`: what the columns of the trials mean, the rig, and facts per trial.
+"""`dataset.toml`: meaning of the trials' columns, the rig, and facts about each trial.
 
 `dataset.toml` beside this module is an example with every key.
 """
@@ -28,7 +28,7 @@ MAX_DELAY = 2.0  # delay of a channel that is no slip of the pen [s]
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a channel: value = sign * (reading - offset) * scale * factor."""
+    """Column of a channel: value = sign * (reading - offset) * scale * factor."""
 
     name: str | None = None  # column of the files; None is the channel's own name
     unit: str | None = None  # unit of the scaled readings; None is what the name says
@@ -46,7 +46,7 @@ class Source:
 
 @dataclass(frozen=True)
 class PartFile:
-    """One of the files of a trial: time = (reading - offset) * factor."""
+    """One of several files of a trial; its clock is (reading - offset) * factor [s]."""
 
     file: str  # its name, `*` standing for what it shares with the trial's
     time: str | None = None  # column of its times; None is that of `[columns.time_s]`
@@ -55,7 +55,7 @@ class PartFile:
     offset: float | None = None
 
     def match_wildcard(self, path: Path) -> tuple[Path, str] | None:
-        """Return the folder and the text that `*` matches in a file, or None."""
+        """Return folder and text that `*` stands for in a path; None if no match."""
         depth = 1 + self.file.count("/")
         tail = Path(*path.parts[-depth:]).as_posix()
         found = re.fullmatch(re.escape(self.file).replace(r"\*", "([^/]*)"), tail)
@@ -81,18 +81,18 @@ class DatasetFile:
         return self.columns.get(channel, Source())
 
     def factor(self, channel: str, column: str) -> float:
-        """Return the factor from readings to a channel's unit, without the sign."""
+        """Return the factor from a column's readings to SI, without the sign."""
         unit = channels.kind_of(channel).factors[self.unit(channel, column)]
         return self.source(channel).scale * unit
 
     def unit(self, channel: str, column: str) -> str:
-        """Return the unit of a channel: declared, in the column's name, or its own."""
+        """Return the unit of a column: declared, else named by the column, else SI."""
         spelled = channels.spellings(channel)
         unit = self.source(channel).unit or spelled.get(channels.bare_name(column))
         return unit or channels.kind_of(channel).unit
 
     def has_substitute(self, torque: str, found: Iterable[str]) -> bool:
-        """Return whether a torque that has no column follows from something else."""
+        """Return whether load cells, current or load stand in for a torque's column."""
         motor = torque == channels.MOTOR_TORQUE
         end = "proximal" if motor else "distal"
         tensions = (name for name in found if channels.is_tension(name))
@@ -111,7 +111,8 @@ class DatasetFile:
     ) -> TrialFacts:
         """Return the facts of the trial in this file; the last matching table wins.
 
-        `names` are of all trials, by file; None if files are called by their own.
+        `names` are the names of all trials by file; by default a trial has its file's
+        name.
         """
         names = names or {path: path.stem}
         facts = TrialFacts()
@@ -123,12 +124,11 @@ class DatasetFile:
     def check_trials(
         self, names: Mapping[Path, str], others: Iterable[Path] = ()
     ) -> list[DataFinding]:
-        """Check that every table of `[trials]` means a file, and so does `repeat_of`.
+        """Require that each table of `[trials]` has a file; warn of missing repeats.
 
-        Returns a warning for every `repeat_of` that names no file: a part of a dataset
-        may come without the trial that one of its own repeats. `others` are data files
-        that were not given but may be meant; only looked at where none of the trials
-        is.
+        A `repeat_of` that names no trial gives a warning only, as part of a dataset may
+        come without the trial that another repeats. `others` are data files near the
+        given ones, looked at only where a table matches no trial.
         """
         repeated = [k["repeat_of"] for k in self.facts.values() if "repeat_of" in k]
         everything = dict(names)
@@ -290,7 +290,7 @@ def _facts(table: Table) -> dict[str, Any]:
 
 
 def _resolve_trial(given: str | None, names: Mapping[Path, str]) -> str | None:
-    """Return the trial that a name or a file name denotes, or the bare name."""
+    """Return the trial of a name or file name, or the name itself without suffix."""
     if given is None or given in names.values():
         return given
     bare = Path(given)
@@ -304,10 +304,10 @@ def _matches_any(names: Mapping[Path, str], pattern: str) -> bool:
 
 
 def _matches(path: Path, name: str, pattern: str) -> bool:
-    """Return whether a pattern of `[trials]` means this file.
+    """Return whether a pattern of `[trials]` matches a file by its name or its path.
 
-    A pattern with folders is held against as much of the path: how much of it is in the
-    name depends on which other files were given.
+    A pattern with folders is compared with as many last parts of the path, because the
+    trial's name holds folders only where two files have equal names.
     """
     tail = Path(*path.parts[-1 - pattern.count("/") :])
     called = (name, tail.as_posix(), tail.with_suffix("").as_posix())

@@ -1,4 +1,4 @@
-"""Files of trials, found in folders, and what the trials are called."""
+"""Search for the files of trials in folders, and names of the trials."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOTION_FILE = "motion_{}.csv"
 
 
 def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return the data files in these files and folders, each once, sorted by name."""
+    """Return the data files that these paths are or contain, without duplicates."""
     endings = list_words(tables.ENDINGS, "or")
     found: dict[Path, Path] = {}
     given = [Path(path) for path in paths]
@@ -44,7 +44,7 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 
 def nearby_data_files(files: Iterable[Path], dataset_file: str) -> Iterator[Path]:
-    """Yield the data files in the folders of these files and their `dataset.toml`."""
+    """Yield all data files in the folders of `files` and of their `dataset.toml`."""
     folders = [path.parent for path in files]
     if dataset_file:
         folders.append(Path(dataset_file).parent)
@@ -74,7 +74,7 @@ def find_dataset_file(files: Iterable[Path]) -> Path | None:
 
 
 def _folder_of(path: Path) -> Path:
-    """Return the folder of a data file; of a bag of ROS 2, that in which the bag is."""
+    """Return the folder of a data file; for a file of a ROS 2 bag, the bag's parent."""
     folder = path.parent
     own = folder / DATASET_FILE
     in_bag = (folder / "metadata.yaml").is_file() and not own.is_file()
@@ -87,9 +87,10 @@ def _is_data(path: Path, folder: Path) -> bool:
 
 
 def occasion_folders(paths: Sequence[str | os.PathLike[str]]) -> dict[str, Path]:
-    """Return the folders by the name of their occasion; {} unless several were given.
+    """Return each folder by the name of its occasion (session), if several were given.
 
-    Files, or files beside folders, are trials of one occasion.
+    The result is {} for a single folder, and if any path is a file: all trials then
+    belong to one occasion.
     """
     folders = list(dict.fromkeys(Path(path) for path in paths))
     if len(folders) < 2 or not all(folder.is_dir() for folder in folders):
@@ -99,7 +100,7 @@ def occasion_folders(paths: Sequence[str | os.PathLike[str]]) -> dict[str, Path]
 
 
 def occasion_of(path: Path, folders: Mapping[str, Path]) -> str:
-    """Return the occasion of a file in one of the folders, "" without folders."""
+    """Return the occasion (key of `folders`) whose folder holds a file, else ""."""
     here, occasion = path.resolve(), ""
     for name, folder in folders.items():
         if here.is_relative_to(folder.resolve()):
@@ -120,10 +121,10 @@ def check_occasions(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def join_occasions(parts: Mapping[str, Dataset]) -> Dataset:
-    """Return the trials of all occasions as one dataset, that of the last one's rig.
+    """Return the trials of all occasions as one dataset, with the last one's constants.
 
-    Trials are called by occasion and name where several have one name. Noise of a
-    channel is the largest.
+    If two trials have the same name, all are renamed `OCCASION/NAME`. The noise of a
+    channel is the largest of any occasion. Different instruments or `[rig]` are errors.
     """
     *_, (last_name, last) = parts.items()
     for name, part in parts.items():

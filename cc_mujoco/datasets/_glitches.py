@@ -1,4 +1,4 @@
-"""Readings that no motion explains: lone ones, and noise that stops.
+"""Removal of readings that no motion explains: spikes, and sensors that freeze.
 
 Bits are lost on a bus, a sensor resets, a driver repeats its last message. A fit by
 least squares would follow a few such readings rather than the thousands beside them.
@@ -21,7 +21,7 @@ _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
 
 
 class _Thresholds(NamedTuple):
-    """Properties of a reading that no motion explains."""
+    """Thresholds beyond which a reading counts as a glitch."""
 
     # It leaves the line through its neighbours by so many usual large changes from one
     # reading to the next. White noise does so once in 10^100 readings.
@@ -81,14 +81,14 @@ def drop_glitches(recording: Recording) -> Recording:
 
 
 def _usual_change(readings: FloatArray) -> float:
-    """Return a usual large change from one reading to the next, infinite if unknown."""
+    """Return the 98th percentile of the changes between readings; inf without any."""
     change = np.abs(np.diff(readings))[:: max(1, readings.size // _LEAST.counted)]
     change = change[np.isfinite(change)]
     return float(np.quantile(change, 0.98)) if change.size else np.inf
 
 
 def _least_size(readings: FloatArray) -> float:
-    """Return the least size of what no motion explains, infinite for few readings."""
+    """Return the least height of a spike that is a glitch; inf for few readings."""
     known = readings[:: max(1, readings.size // _LEAST.counted)]
     known = known[np.isfinite(known)]
     if known.size < _LEAST.readings:
@@ -119,9 +119,9 @@ def _lone(readings: FloatArray) -> NDArray[np.intp]:
 
 
 def leaps(readings: FloatArray) -> NDArray[np.intp]:
-    """Return the rows before which a channel steps by what it else moves in many rows.
+    """Return the rows at which a channel steps by far more than it usually changes.
 
-    An encoder that slips or is zeroed does that, and no joint with inertia.
+    An encoder that slips or is zeroed does that; a joint with inertia does not.
     """
     least = _least_size(readings)
     change = np.abs(np.diff(readings))
@@ -140,7 +140,7 @@ def _is_calm_beside(change: FloatArray, row: int, least: float) -> bool:
 
 
 def _is_lone(readings: FloatArray, row: int, least: float) -> bool:
-    """Return whether readings beside a row are calm; a transient rings on."""
+    """Return whether the readings beside a spike are calm, unlike after an impact."""
     start = max(row - _LEAST.beside, 0)
     change = np.abs(np.diff(readings[start : row + _LEAST.beside + 1]))
     usual = float(np.nanquantile(change, _LEAST.calm_quantile))
@@ -152,7 +152,7 @@ def _is_lone(readings: FloatArray, row: int, least: float) -> bool:
 def _impacts(
     recording: Recording, channel: str, rows: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Return the rows of a load that are a real impact, seen by another load, too."""
+    """Return which spikes (rows,) of a load are impacts, as another load moves too."""
     seen = np.zeros(rows.size, dtype=bool)
     if channel in recording.clocks or not rows.size:
         return seen
@@ -166,10 +166,11 @@ def _impacts(
 
 
 def _frozen(readings: FloatArray) -> list[slice]:
-    """Return runs of rows in which a noisy load repeats one reading exactly.
+    """Return runs of at least seven rows in which a noisy load repeats one reading.
 
-    The first of equal readings counts as measured unless the load jumped to it. Runs at
-    an extreme without a jump are clipped, which another check finds. An angle may rest.
+    The first of the equal readings counts as measured unless the load jumped to it.
+    Runs at the largest or smallest reading without a jump are clipping, which another
+    check reports. Angles are not checked, as a joint may rest.
     """
     if np.count_nonzero(np.isfinite(readings)) < _LEAST.readings:
         return []

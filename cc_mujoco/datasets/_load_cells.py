@@ -79,7 +79,7 @@ def is_cell_at_end(name: str, end: str) -> bool:
 
 
 class SingleCell(NamedTuple):
-    """Load cell in one cable, compared in place of the torque at that end."""
+    """Load cell in one cable, which replaces the torque at that end in a comparison."""
 
     row: int  # 0 at the motor, 1 at the joint
     cable: int  # index of the cable, the agonist first
@@ -89,9 +89,9 @@ class SingleCell(NamedTuple):
 
     @classmethod
     def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:
-        """Return the cell of a channel, such as `tension_agonist_distal_n`.
+        """Return the load cell of a channel such as `tension_agonist_distal_n`.
 
-        The pretension of the trial is in newtons; None is the scene's.
+        The pretension of the trial is in newtons; None is that of the scene.
         """
         for row, (torque, end) in enumerate(END_OF_TORQUE.items()):
             for cable, names in enumerate(_cell_names(end, bench)):
@@ -104,12 +104,12 @@ class SingleCell(NamedTuple):
         raise CableError.unknown("load cell", channel, every)
 
     def torque(self, tension: FloatArray) -> FloatArray:
-        """Return what the cable adds to the torque at rest (samples,) [N m]."""
+        """Return the torque [N m] of the tension (samples,) [N] beyond that at rest."""
         return np.asarray(self.factor * (tension - self.rest))
 
 
 def torque_radius(torque: str, bench: Bench) -> float:
-    """Return the pulley's radius at a torque, or the lever's arm at 0 [m]."""
+    """Return the motor pulley's or, by channel, the joint pulley's radius [m]."""
     motor = torque == channels.MOTOR_TORQUE
     return bench.motor_radius if motor else bench.joint_radius
 
@@ -117,7 +117,7 @@ def torque_radius(torque: str, bench: Bench) -> float:
 def pull_torque(
     trial: Trial, torque: str, bench: Bench
 ) -> tuple[FloatArray, list[str]]:
-    """Return the net torque of the cells over the pulley [N m], and their names."""
+    """Return the torque of the load cells at one end [N m], and their channels."""
     names = [
         next(name for name in known if name in trial.tensions)
         for known in _cell_names(END_OF_TORQUE[torque], bench)

@@ -1,8 +1,8 @@
-"""A lever that a cable pulls: how far it gives way at every angle of its joint.
+"""A lever pulled by a cable: cable taken up and moment arm by joint angle.
 
-The scene has it as a spatial tendon from the end of the conduit to the lever, whose
-length depends on one hinge joint only. Its arm changes with the angle; to the cable it
-is a pulley that turns by another angle.
+In the scene it is a spatial tendon from the end of the conduit to the lever, whose
+length depends on one hinge joint only. As the arm varies with the angle, the cable sees
+a round pulley that turns by a nonlinear function of the joint's angle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cc_mujoco.native import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Lever:
-    """A lever as a pulley whose angle is a function of the joint's.
+    """A lever as a round pulley whose angle is a function of the joint's.
 
     Angles are positive where the cable pulls, as in the data.
     """
@@ -31,11 +31,11 @@ class Lever:
     sign: float  # sign of the scene's angle where the cable pulls
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return the angle of the pulley (samples,) [rad]."""
+        """Return the angle of that pulley [rad] at joint angles (samples,) [rad]."""
         return np.asarray(np.interp(joint, self.joint, self.pulley))
 
     def share(self, joint: FloatArray) -> FloatArray:
-        """Return the arm of the lever over that at 0 (samples,)."""
+        """Return the moment arm at joint angles (samples,) [rad] over that at 0."""
         return np.asarray(np.interp(joint, self.joint, self.arm))
 
 
@@ -44,8 +44,8 @@ def lever_of(
 ) -> tuple[str, float, Lever]:
     """Return the joint that a tendon turns, its moment arm at 0 [m], and its lever.
 
-    `gear` is that of the end, `driven` the joint of the axis, of a tendon that several
-    move. A tendon without a single hinge, or dead at 0, is refused.
+    `gear` is that of the cable's actuator; if several joints move the tendon, `driven`
+    is the one to take. Raises `CableError` without a single hinge or an arm at 0.
     """
     row = model.tendon(tendon).id
     data = mujoco.MjData(model)
@@ -88,7 +88,7 @@ def single_hinge(
 
 
 def swept_angles(model: mujoco.MjModel, joint: str, count: int = 4001) -> FloatArray:
-    """Return scene angles over a joint's range, including 0 (count,) [rad]."""
+    """Return angles (count,) [rad] over a joint's range in the scene, 0 included."""
     index = model.joint(joint).id
     low, high = -3.0, 3.0
     if model.jnt_limited[index]:
@@ -99,10 +99,10 @@ def swept_angles(model: mujoco.MjModel, joint: str, count: int = 4001) -> FloatA
 def make_lever(
     angles: FloatArray, let: FloatArray, arms: FloatArray, arm: float, where: str
 ) -> tuple[float, Lever]:
-    """Return the moment arm of a lever at 0 [m], and the lever where its arm is not 0.
+    """Return the moment arm at 0 [m], and the lever while its arm is above 0.2 of that.
 
-    At the scene's `angles` (angles,) [rad] the lever takes `let` of the cable, 0 at 0
-    [m], by `arms` [m/rad], of which `arm` is that at 0.
+    At the scene's `angles` (angles,) [rad] the lever has let out the cable length `let`
+    [m], 0 at angle 0, with derivative `arms` [m/rad], which is `arm` at angle 0.
     """
     radius = abs(arm)
     if radius == 0.0:
@@ -126,7 +126,7 @@ def make_lever(
 
 
 def _tendon_arms(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> FloatArray:
-    """Change of a tendon's length with every joint (nv,)."""
+    """Return the derivative (nv,) of a tendon's length by each degree of freedom."""
     found = np.zeros(model.nv)
     start, count = model.ten_J_rowadr[row], model.ten_J_rownnz[row]
     part = slice(start, start + count)

@@ -1,8 +1,8 @@
-"""Rounded readings: their digit, and the angle between two of them.
+"""Quantised readings: their step, and the angle between two steps.
 
-Where a reading jumps from one digit to the next, the angle stands at the edge between
-them, better known than anywhere else. In slow creep the jumps are all there is: taken
-as steps, they would shake a cable that sticks.
+When a reading jumps, the angle stands halfway between two steps, better known than at
+any other time. In slow creep only the jumps inform: simulated as steps of the angle,
+they would shake a cable that sticks.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from cc_mujoco.native import FloatArray
 
 
 def resolution(values: FloatArray) -> float:
-    """Return the quantisation step of readings, 0 if they show none.
+    """Return the quantisation step of raw readings, 0 if they show none.
 
-    The differences between the values that occur are multiples of the step. They have
-    to be the readings themselves: what lies between two of them is no multiple.
+    It is the step of which the differences between distinct readings are multiples.
+    Interpolated readings would have other differences.
     """
     values = values[:200_000]  # enough to see a digit
     values = values[np.isfinite(values)]
@@ -45,7 +45,7 @@ def resolution(values: FloatArray) -> float:
 
 
 def digit_of(trial: Trial, channel: str) -> float:
-    """Return the quantisation step of a channel of a trial, 0 if none is visible."""
+    """Return the quantisation step of a channel of a trial, 0 if it shows none."""
     if channel in trial.digits:
         return trial.digits[channel]
     return resolution(trial.channel(channel))
@@ -54,11 +54,11 @@ def digit_of(trial: Trial, channel: str) -> float:
 def interpolate_readings(
     wanted: FloatArray, clock: FloatArray, reading: FloatArray, digit: float = 0.0
 ) -> FloatArray:
-    """Return the readings at other times, by linear interpolation except in slow creep.
+    """Return readings at other times: linear, or the nearest one during slow creep.
 
-    In slow creep the nearer reading is taken: a value between two digits is no reading
-    and would hide the digit. Times `wanted` (n,) and `clock` (samples,), two at least,
-    are in seconds; the result is NaN before the first and after the last reading.
+    Where neighbours differ by one quantisation step `digit`, a value between them would
+    hide the step. Times `wanted` (n,) and `clock` (samples,), two at least, are in
+    seconds; the result is NaN before the first and after the last reading.
     """
     found: FloatArray = np.interp(wanted, clock, reading, left=np.nan, right=np.nan)
     if digit == 0.0:
@@ -71,12 +71,12 @@ def interpolate_readings(
 
 
 def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
-    """Return the angle behind a rounded reading, else the reading (samples,).
+    """Return the angle (samples,) [rad] behind quantised readings, others unchanged.
 
-    It passes the edges when the reading jumps. Between two jumps the same way it goes
-    on at the pace of its neighbours to the middle of the digit, and rests there if it
-    is early; between two that go back over the same edge it turns as far as that pace
-    takes a parabola, at most to the middle.
+    At each jump the angle is midway between the two steps. Between two jumps in the
+    same direction it moves to the step at the rate of the neighbouring intervals, and
+    rests there if it arrives early. Between two opposite jumps it turns back, as far as
+    a parabola at that rate reaches, at most at the step.
     """
     if noise is None or not 0.0 < noise.resolution:
         return reading

@@ -1,7 +1,7 @@
-"""Files of trials, read: channels in SI units under their own names.
+"""Reading of the files of a trial into channels in SI units.
 
-What a file calls its columns, and in which units, comes from its `dataset.toml` or from
-the names themselves: `motor_angle_deg` is the motor angle in degrees.
+Names and units of the columns come from `dataset.toml` or from the columns' own names:
+`motor_angle_deg` is the motor angle in degrees.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Stream(NamedTuple):
 
     @property
     def interval(self) -> float:
-        """Usual time between readings [s], infinite if there are none."""
+        """Median time between readings [s], infinite if there are none."""
         change = np.diff(np.sort(self.time[np.isfinite(self.time)]))
         change = change[change > 0.0]
         return float(np.median(change)) if len(change) else np.inf
@@ -46,11 +46,11 @@ class Stream(NamedTuple):
 
 
 def _topic_rows(values: Mapping[str, FloatArray]) -> dict[str, NDArray[np.bool_]]:
-    """Return the rows of each channel, if a row belongs to one topic.
+    """Return masks (rows,) of each channel's readings, if each row is of one topic.
 
-    That is so if few rows hold all channels of the drive, or one of them is in every
-    second row at most; elsewhere a blank cell (NaN) is a missing reading. Returns masks
-    (rows,) by channel, {} if the rows are not those of topics.
+    In a file that merges topics, few rows hold all channels of the drive, or one
+    channel is in every second row at most. Otherwise the result is {}, and a blank cell
+    (NaN) is a missing reading.
     """
     filled = {channel: ~np.isnan(value) for channel, value in values.items()}
     drive = [filled[channel] for channel in channels.MAIN_CHANNELS if channel in filled]
@@ -66,7 +66,7 @@ def _topic_rows(values: Mapping[str, FloatArray]) -> dict[str, NDArray[np.bool_]
 
 @dataclass
 class Recording:
-    """Contents of a data file before checks and segmentation."""
+    """Contents of a trial's files before checks and segmentation."""
 
     name: str  # name of the trial
     path: Path  # the file, or the first of several
@@ -86,7 +86,7 @@ class Recording:
     findings: list[DataFinding] = field(default_factory=list)
 
     def report(self, severity: Severity, problem: str, channel: str = "") -> None:
-        """Add a finding: the file, with the column of a channel, and the problem."""
+        """Add a finding on a channel: the file, its column and the problem."""
         place = self.column(channel) if channel else str(self.path)
         finding = DataFinding(severity, place + problem, self.name, channel)
         self.findings.append(finding)
@@ -109,13 +109,13 @@ def read(
     further: Collection[str] = (),
     other_axes: Collection[str] = (),
 ) -> Recording:
-    """Read the channels of a trial from its file, or several.
+    """Read the channels of a trial from its file, or several, in SI units.
 
-    It is called `name`, by default as its file. In logs of several axes the columns
-    may begin with the `axis`; those that begin with one of `other_axes` are left out.
-    `others` are joints whose angles are needed besides that of the driven one, with
-    their columns in such logs, and `further` columns are read where the file has them.
-    Clocks of several that share no time, or are not known to be related, are refused.
+    `name` is the trial's, by default that of its file. In a log of several axes columns
+    may have the prefix `axis`, and those with a prefix of `other_axes` are left out.
+    `others` has the column by joint for angles other than the driven joint's; `further`
+    are columns outside the table of channels, read if present. Raises `CableError` if a
+    column is missing or clocks of several files share no time.
     """
     parts = (TrialFile("", trial, PartFile("")),) if isinstance(trial, Path) else trial
     name = name or parts[0].path.stem
@@ -188,11 +188,11 @@ def read(
 def _merge_streams(
     recording: Recording, where: str, streams: Mapping[str, Stream]
 ) -> Recording:
-    """Return a recording of several clocks on that of the slowest of the drive.
+    """Return the recording with the clock of the slowest channel of the drive.
 
-    Its readings stay as they are, and the others, which are denser, are read between
-    neighbours. On the faster clock most samples of the slow channel would be
-    inventions, which look like many readings without noise.
+    Readings of that channel are kept, and denser channels are interpolated at its times
+    later. On a faster clock most samples of the slow channel would be interpolated, and
+    look like many readings without noise.
     """
     drive = {c: streams[c] for c in channels.MAIN_CHANNELS if c in streams}
     leader = max(drive, key=lambda channel: drive[channel].interval)
@@ -329,7 +329,7 @@ class _Table:
         return streams
 
     def plain(self, topical: bool, several: bool) -> list[str]:
-        """Return the columns that are no times of the file nor stamps of messages."""
+        """Return the columns that are neither the file's time nor message stamps."""
         known = columns.stamp_columns(self.names)
         left = {*known, *(name for pair in known.values() for name in pair)}
         if several:
@@ -362,7 +362,7 @@ def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> Non
 def _scale(
     reading: FloatArray, offset: float, factor: float, limit: float
 ) -> FloatArray:
-    """Return (reading - offset) * factor, missing where that is beyond a limit."""
+    """Return (reading - offset) * factor, NaN where its size exceeds `limit`."""
     value = reading if offset == 0.0 else reading - offset
     value = value if factor == 1.0 else value * factor
     if not (len(value) and -limit < value.min() and value.max() < limit):
@@ -371,7 +371,7 @@ def _scale(
 
 
 def _sha256(paths: Sequence[Path]) -> str:
-    """Return the hash of a file's bytes; of several, of their hashes in a row."""
+    """Return a file's SHA-256; for several files that of their joined digests."""
     hashes = []
     for path in paths:
         with path.open("rb") as file:

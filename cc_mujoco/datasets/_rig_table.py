@@ -1,4 +1,4 @@
-"""Table `[rig]` of a `dataset.toml`: constants of the rig, and facts about it."""
+"""Table `[rig]` of a `dataset.toml`: known constants of the rig and yes/no facts."""
 
 from __future__ import annotations
 
@@ -50,10 +50,7 @@ LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight
 
 
 def read_rig(table: Table) -> dict[str, Constant]:
-    """Return the table `[rig]`.
-
-    Facts that it states are constants of value 1 (true) or 0 (false).
-    """
+    """Return the constants of `[rig]` by name; a fact is 1 (true) or 0 (false)."""
     # Facts and their only value: the other one says nothing.
     statements = {"zeroed": True, "balanced": True, "joint_spring": False}
     angles = "exit_angle", "load_rest_angle", "load_hanging_angle"
@@ -118,12 +115,12 @@ RATIO_KEY, SLOPE_KEY, CURVE_KEY = "lever_ratio", "lever_slope", "lever_curve"
 def fit_angle_pairs(
     pairs: Sequence[Sequence[float]], where: str
 ) -> dict[str, Constant]:
-    """Return the constants of the arm through pairs of motor and joint angle [rad].
+    """Return R/r, a and b of a moment arm, fitted to (motor, joint) angle pairs [rad].
 
-    With the cable taut and slow, the motor's angle m is where the cable keeps its
-    length: m = c + R/r (q + a q^2/2 + b q^3/3) for a moment arm R (1 + a q + b q^2) at
-    the joint and a motor pulley of radius r. A least-squares polynomial through pairs
-    (m, q) gives R/r, a and b.
+    The pairs are taken slowly with a taut cable, so the cable keeps its length: the
+    motor angle is m = c + R/r (q + a q^2/2 + b q^3/3) at joint angle q, for a moment
+    arm R (1 + a q + b q^2) and a motor pulley of radius r. A least-squares polynomial
+    through the pairs gives R/r, a and b.
     """
     motor, joint = np.array(pairs, dtype=np.float64).T
     count = len(set(joint.tolist()))
@@ -156,9 +153,9 @@ def fit_angle_pairs(
 
 @dataclass(frozen=True)
 class MomentArm:
-    """Moment arm 1 + a q + b q^2 + ... at a joint angle q, over that at 0.
+    """Moment arm at joint angle q [rad] over that at 0: 1 + a q + b q^2 + ...
 
-    At a lever it is that of the lever times this.
+    With a lever, this factor multiplies the lever's own arm.
     """
 
     coefficients: tuple[float, ...]  # a, b, ... [1/rad, 1/rad^2, ...]
@@ -166,12 +163,12 @@ class MomentArm:
 
     @property
     def joint(self) -> FloatArray:
-        """Angles of the joint at which there is an arm, increasing (angles,) [rad]."""
+        """Joint angles (angles,) [rad], increasing, at which the arm is above 0."""
         angles = np.linspace(-2.0, 2.0, 401)
         return angles[self.share(angles) > 0.0]
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+        """Return the equivalent pulley's angle (samples,) [rad]: the arm's integral."""
         if self.lever is None:
             return np.asarray(Polynomial((1.0, *self.coefficients)).integ()(joint))
         angles = self.lever.joint
@@ -182,13 +179,13 @@ class MomentArm:
         return np.asarray(np.interp(joint, angles, taken - rest))
 
     def share(self, joint: FloatArray) -> FloatArray:
-        """Return the arm over that at 0 (samples,)."""
+        """Return the arm at joint angles (samples,) [rad] over that at 0."""
         lever = 1.0 if self.lever is None else self.lever.share(joint)
         return np.asarray(lever * Polynomial((1.0, *self.coefficients))(joint))
 
 
 def known_arm(constants: Mapping[str, Constant]) -> tuple[float, ...]:
-    """Return the coefficients of a `MomentArm`, () without angle pairs."""
+    """Return a and b of a `MomentArm`; () if `[rig]` has no `angle_pairs`."""
     if RATIO_KEY not in constants:
         return ()
     return constants[SLOPE_KEY].value, constants[CURVE_KEY].value

@@ -32,7 +32,7 @@ def truncation_reason(rows: Path) -> str:
 
 
 def scene_of(rows: Path) -> str:
-    """Return the scene that a run's controller used; empty where that is unknown."""
+    """Return the scene that a run's controller used as a model; "" if unknown."""
     try:
         rig = parse_toml(str(_read_page(rows).get("rig", "")))
     except tomllib.TOMLDecodeError:
@@ -41,7 +41,7 @@ def scene_of(rows: Path) -> str:
 
 
 def other_scene(rows: Path, scene: str) -> str:
-    """Return the scene of a run if both are built in and differ, otherwise ""."""
+    """Return the run's scene if it and `scene` are built in and differ, else ""."""
     ran = scene_of(rows)
     return ran if ran != scene and {ran, scene} <= {*SCENES} else ""
 

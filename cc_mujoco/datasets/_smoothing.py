@@ -1,6 +1,6 @@
-"""Speeds from angles, without shifting them in time.
+"""Velocities from measured angles by a filter without delay.
 
-The same filter must be applied to what is simulated before the two are compared.
+Before measured and simulated angles are compared, both must pass the same filter.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def velocity(
 
 
 def _local_slopes(values: FloatArray, half: int) -> FloatArray:
-    """Return the slope per sample of a parabola through `half` samples either side.
+    """Return slopes per sample of parabolas through `half` samples on either side.
 
-    Nearer to an end it is that of the last whole window (`savgol_filter` of
-    `scipy.signal`, a second to load, with mode "interp").
+    The first and last `half` slopes are of the first and last whole window. This is
+    `scipy.signal.savgol_filter` with mode "interp", which takes a second to import.
     """
     place = np.arange(-half, half + 1)
     found = np.empty(len(values))
@@ -67,9 +67,9 @@ def _local_slopes(values: FloatArray, half: int) -> FloatArray:
 
 
 def velocity_noise(deviation: float, step: float) -> float:
-    """Return the standard deviation of `velocity` inside a stretch, for white noise.
+    """Return the standard deviation [rad/s] of `velocity` for white angle noise.
 
-    `deviation` is that of the angle readings [rad], `step` between samples in seconds.
+    `deviation` is that of the angle readings [rad], `step` the sampling time [s].
     """
     half = max(2, round(0.05 / step) // 2)
     return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

@@ -1,9 +1,9 @@
-"""Torques that no sensor shows directly: from load cells, a current, a known load.
+"""Motor and joint torques from load cells, motor current or a known load.
 
-All trials of a dataset use the same instrument: of a torque sensor, load cells and a
-current the first that every trial has. A sensor at the joint shows all cables that pull
-there, and a diagnosis plays those of one axis: what the others do follows from their
-measured tensions along the paths of the scene, and is taken off.
+All trials of a dataset use the same instrument: the first of torque sensor, load cells
+and current that every trial has. A sensor at the joint measures all cables that pull
+there, but a diagnosis simulates those of one axis. The torque of the others follows
+from their measured tensions along the paths of the scene, and is subtracted.
 """
 
 from __future__ import annotations
@@ -70,10 +70,11 @@ def add_derived_torques(
 
 
 def expected_instruments(file: DatasetFile, bench: Bench) -> Instruments:
-    """Return the instruments of the torques, as declared before any data.
+    """Return the instruments that a `dataset.toml` declares, before any data exist.
 
-    A table of a torque's column means a sensor, tables of the load cells of all cables
-    at one end mean these, a torque constant a current, and a load in `[rig]` that load.
+    A table of a torque's column means a sensor; tables of the load cells of all cables
+    at one end mean load cells; a torque constant a current; a load in `[rig]` a known
+    load.
     """
     found: list[Instrument | None] = []
     for torque, end in load_cells.END_OF_TORQUE.items():
@@ -151,17 +152,17 @@ def _instrument(
 
 
 def _torque_per_current(constants: Mapping[str, Constant]) -> float:
-    """Return the torque of the motor's pulley per current, friction aside [N m/A]."""
+    """Return the frictionless torque at the motor's pulley per current [N m/A]."""
     gear = constants.get("gear_ratio", Constant(1.0)).value
     return constants["torque_constant"].value * gear
 
 
 def _with_current_torque(trial: Trial, constants: Mapping[str, Constant]) -> Trial:
-    """Return a trial with the motor torque that follows from its current.
+    """Return the trial with a motor torque computed from the motor current.
 
-    What teeth and bearings take under load is lost on the way to the cable, or on the
-    way back where the cable drives the motor. Without an angle of its own the motor
-    turns as the joint does.
+    The gear's efficiency divides or multiplies the torque, depending on whether the
+    cable drives the motor or the motor the cable. Without a motor angle the joint's
+    gives the direction of motion.
     """
     current = trial.motor_current
     assert current is not None
@@ -186,7 +187,7 @@ def _with_torque(
 
 @dataclass
 class OtherAxes:
-    """Torques of other axes' cables at the joint of a bench, trial by trial."""
+    """Torques of other axes' cables at the joint of a bench, and their uncertainty."""
 
     bench: Bench  # bench of the axis that is diagnosed
     # variances by trial of what friction leaves open in the torques that were taken off
@@ -196,9 +197,9 @@ class OtherAxes:
     scatter: list[float] = field(default_factory=list)
 
     def take_off(self, recording: Recording, track: SampledTrack) -> None:
-        """Take the torque of other axes' cables off that of the joint, in place.
+        """Subtract the torque of other axes' cables from the joint torque, in place.
 
-        Tensions of other axes' cables are then left out.
+        The tensions of these cables are then removed from `track`.
         """
         if channels.JOINT_TORQUE in track.values:
             for cable in self.bench.pulled_by:
@@ -271,10 +272,11 @@ class OtherAxes:
         recording.findings.append(finding)
 
     def noise(self, known: Noise, passed: float) -> Noise:
-        """Return the noise of the joint torque, contributions of others included.
+        """Return the noise of the joint torque, including the subtracted torques.
 
-        What friction leaves open is slow, and passes a low-pass whole; `passed` is the
-        share of the variance of white noise that it leaves.
+        Uncertain friction gives an error of low frequency, which passes the low-pass
+        filter of a fit; `passed` is the fraction of white-noise variance that this
+        filter passes.
         """
         if not self.doubts:
             return known

@@ -28,10 +28,10 @@ Instrument = Literal["torque sensor", "load cells", "motor current", "known load
 class Instruments(NamedTuple):
     """Sources of the torques at either end, in all trials of a dataset.
 
-    A torque sensor shows what passes through it; a load cell on the cable only what the
-    cable pulls; a motor's current what the motor makes, its own friction included; and
-    a known load says by its motion what the joint must have been given. What none of
-    them shows is not compared, and no effect that needs it is named.
+    A torque sensor shows the torque that passes through it; load cells only the cables'
+    pull; a motor's current the motor's torque, its own friction included; a known load,
+    by its motion, the torque on the joint. A torque without a source (None) is not
+    compared, and effects that need it are not named.
     """
 
     motor: Instrument | None = "torque sensor"
@@ -39,12 +39,12 @@ class Instruments(NamedTuple):
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Return which of motor (0) and joint (1) are compared."""
+        """Return the torques that are compared: 0 (the motor's), 1 (the joint's)."""
         return tuple(row for row, each in enumerate(self) if each is not None)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The torques that are compared, by their columns."""
+        """Channels of the torques that are compared."""
         return tuple(TORQUES[row] for row in self.rows)
 
 
@@ -56,18 +56,18 @@ Locked = Literal["motor", "joint"]
 
 
 class Constant(NamedTuple):
-    """A number known of the rig, SI, and its standard deviation (0: exact)."""
+    """A constant of the rig in SI units, and its standard deviation (0: exact)."""
 
     value: float
     uncertainty: float = 0.0
 
 
 class Noise(NamedTuple):
-    """Scatter of a channel when nothing happens, in its SI unit.
+    """Sensor noise of a channel, in its SI unit.
 
     Attributes:
         deviation: standard deviation of the sensor noise, quantisation included.
-        resolution: quantisation step, 0 if there is none to be seen.
+        resolution: quantisation step, 0 if the readings show none.
         source: source of the deviation: `declared`, from `holds` (stretches without
             motion) or from `differences` of neighbouring samples.
     """
@@ -124,7 +124,7 @@ class Trial:
     """One recording. Arrays have one entry per sample and are finite in segments.
 
     Attributes:
-        name: file name without ending; as much more of its path as it takes to differ.
+        name: file name without suffix, with as many folders as make it unique.
         time: (samples,) [s], as recorded.
         motor_angle: (samples,) [rad]; (0,) if it is not measured.
         motor_torque: (samples,) [N m], motor into its pulley; None if it is not known.
@@ -133,18 +133,18 @@ class Trial:
             known.
         segments: valid stretches in order, each sampled at `step` without a gap.
         step: time between samples [s].
-        tensions: (samples,) [N] each, by column name (`tension_<cable>_proximal_n`).
-        others: (samples,) [rad] each, of other joints that move cables, by column name
+        tensions: (samples,) [N] each, by channel (`tension_<cable>_proximal_n`).
+        others: (samples,) [rad] each, of other joints that move cables, by channel
             (`<joint>_angle_rad`).
         temperature: (samples,) [degC], or None.
         motor_current: (samples,) [A], or None.
         facts: facts stated in `dataset.toml`.
         path: the file.
         sha256: SHA-256 of the file's bytes, hexadecimal.
-        labels: name in the file of every channel.
-        paths: files of the channels that are in another than `path`.
-        digits: quantisation step by channel, as recorded; 0 where there is none to be
-            seen. Of channels that are not in it the samples are the readings.
+        labels: by channel, the name of its column in the file.
+        paths: by channel, its file if that is not `path`.
+        digits: by channel, the quantisation step of the raw readings, 0 if they show
+            none. A channel without an entry was not resampled.
         columns: (samples,) each, of further columns requested by effects, by name, as
             they are in the file.
     """
@@ -204,23 +204,24 @@ class Trial:
         return tuple(self._signals)
 
     def channel(self, name: str) -> FloatArray:
-        """Return the samples of a channel, as `joint_torque_nm`, or refuse its name."""
+        """Return a channel's samples, such as `joint_torque_nm`; raise `CableError`."""
         if name == channels.TIME:
             return self.time
         return look_up("channel", name, self._signals)
 
     @property
     def ends_held(self) -> bool:
-        """Return whether one column is the angle of both ends.
+        """Return whether motor and joint angle are the same column of the file.
 
-        Both ends of the cable are then held, and drum or conduit moves along it.
+        Both cable ends are then fixed, and the drum or the conduit moves along the
+        cable.
         """
         motor, joint = (self.labels.get(name) for name in channels.ANGLES)
         places = {self.paths.get(name, self.path) for name in channels.ANGLES}
         return motor is not None and motor == joint and len(places) == 1
 
     def column(self, channel: str) -> str:
-        """Return the file and column of a channel, for a sentence."""
+        """Return the text `FILE, column NAME` of a channel, for messages."""
         path = self.paths.get(channel, self.path)
         return f"{path}, column {self.labels.get(channel, channel)}"
 
@@ -252,16 +253,16 @@ class Dataset:
 
     @property
     def has_motor_angle(self) -> bool:
-        """Return whether the motor's angle is measured."""
+        """Return whether every trial has a motor angle."""
         return all(trial.motor_angle.size for trial in self.trials)
 
     @property
     def ends_held(self) -> bool:
-        """Return whether the ends are held in all trials, see `Trial.ends_held`."""
+        """Return whether `Trial.ends_held` is true of all trials."""
         return bool(self.trials) and all(trial.ends_held for trial in self.trials)
 
     def trial(self, name: str) -> Trial:
-        """Return the trial of that name; an unknown one is refused."""
+        """Return the trial of that name; raise `CableError` if there is none."""
         for trial in self.trials:
             if trial.name == name:
                 return trial
@@ -269,7 +270,7 @@ class Dataset:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that all trials have, in the order of the first."""
+        """Names of the channels that all trials have, as the first orders them."""
         rest = [set(trial.channels) for trial in self.trials[1:]]
         first = self.trials[0].channels if self.trials else ()
         return tuple(name for name in first if all(name in other for other in rest))

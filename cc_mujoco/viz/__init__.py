@@ -1,10 +1,10 @@
-"""Outputs of an episode: its log, numbers, figure and Rerun recording.
+"""Outputs of an episode: its log, metrics, figure, video, page and Rerun recording.
 
     log = simulate("wrist", "pi", trajectory="sine", duration=8.0, seed=0)
     write_episode("runs/sine", log, load(find_device("wrist")))
 
-The controller sees what the device's sensors measure, noisy and late; the log holds the
-truth. It is all that is needed; everything else is made from it and the model.
+The log holds true values, while the controller sees noisy and delayed measurements. All
+other outputs are made from the log and the MuJoCo model.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Plots of a Rerun recording: how far their axes reach, and room for their legends."""
+"""Time-series plots of a Rerun recording: axis limits, and room for their legends."""
 
 from __future__ import annotations
 
@@ -24,12 +24,11 @@ def plot(
     reach: tuple[float, float] | None = None,
     room: float = LEGEND_SHARE,
 ) -> rrb.TimeSeriesView:
-    """Show lines over the whole of their time, with the legend before them.
+    """Return a plot of lines (T,) over the whole `time` (T,) [s], legend at its left.
 
-    `time` (T,) rises [s]; `lines` are (T,). `contents` are paths of what is shown, all
-    below the `origin` unless given. `reach` are the ends of the axis, those of
-    `axis_limits` unless given. For `room` see `LEGEND_SHARE`; it is less where the plot
-    is as wide as the window.
+    `contents` are entity paths of the lines, by default all below `origin`. `reach` is
+    the range of the vertical axis, by default `axis_limits`. `room` is the legend's
+    width over that of the curves; a plot as wide as the window needs less.
     """
     found = reach or axis_limits(time, lines)
     return rrb.TimeSeriesView(
@@ -43,7 +42,7 @@ def plot(
 
 
 def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
-    """Return an axis over the whole time and a legend before it, if any passes."""
+    """Return an axis over the time and a legend before it; None for a single moment."""
     start, end = float(time[0]), float(time[-1])
     if not end > start:
         return None
@@ -54,11 +53,11 @@ def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
 
 
 def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | None:
-    """Return limits of an axis without the start of the lines if it would flatten them.
+    """Return limits (low, high) that ignore a transient in the first 0.3 s.
 
-    A motor that is not where the motion begins catches up within moments, and may need
-    many times the torque of all that follows. None where all samples together show the
-    lines (T,) well.
+    A motor that starts away from the motion catches up at once, with perhaps many times
+    the torque of all that follows. The result is None if including the start of the
+    lines (T,) would not double the range.
     """
     values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
     later = values[:, time - time[0] > 0.3]

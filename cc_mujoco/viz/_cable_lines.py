@@ -6,8 +6,8 @@
 
 A conduit lies along the tendon that the key `route` names. Without that key it lies
 along the only tendon that ends where the rope of an end begins, or else straight from
-the pulley or rope of one end to that of the other. The rope at an end is the tendon
-that holds the end, or one that begins where the conduit ends.
+one end of the cable to the other. The rope of an end is the tendon that the end's
+actuator pulls, or one that begins where the conduit ends.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _Straight:
 
 @dataclass(frozen=True)
 class CableLine:
-    """Line that is coloured by the tension in a part of a cable."""
+    """A line along a cable's conduit or rope, to be coloured by tension."""
 
     cable: str
     part: str  # `CONDUIT`, `MOTOR_END` or `JOINT_END`
@@ -65,7 +65,7 @@ class CableLine:
     fine: Array  # places of its points, as shares of its length (P,)
 
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return the points (P, 3) [m] in a pose for which `mj_tendon` was called."""
+        """Return the points (P, 3) [m] in the pose of `data`, after `mj_tendon`."""
         if isinstance(self.source, int):
             path = scene3d.tendon_points(data, self.source)
         else:
@@ -82,7 +82,7 @@ class CableLine:
         return points
 
     def nodes(self, count: int) -> Array:
-        """Return the node, with fractions, at each point (P,), of `count` nodes."""
+        """Return the index (P,), with fractions, of the one of `count` nodes there."""
         if self.part != CONDUIT:
             node = 0.0 if self.part == MOTOR_END else count - 1.0
             return np.full(len(self.fine), node)
@@ -90,15 +90,16 @@ class CableLine:
         return np.interp(self.fine, places, np.arange(len(places)))
 
     def _places(self, count: int) -> Array:
-        """Return where along the line the nodes are, as shares of its length (n,).
+        """Return the positions of nodes (n,) as fractions of the line's length.
 
-        Parts of a line in the open are what its nodes stand for.
+        In the open, where `shares` delimit pieces, a node is at the middle of its
+        piece.
         """
         shares = self.shares
         return shares if shares.size == count else 0.5 * (shares[:-1] + shares[1:])
 
     def tensions(self, nodes: Array) -> Array:
-        """Return the tensions of its parts (..., P-1) from those at nodes (..., n)."""
+        """Return the tension of each part (..., P-1) from node tensions (..., n)."""
         if self.part != CONDUIT:
             end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
             return np.repeat(end, len(self.fine) - 1, axis=-1)
@@ -113,7 +114,7 @@ class CableLine:
 def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]:
     """Return the lines to draw, those of a cable one after another.
 
-    Names that the model lacks are left out.
+    Cables that the model lacks or that have no length are left out.
     """
     sources = {cable: _conduit(model, cable) for cable in instances(model)}
     taken = {source for source in sources.values() if isinstance(source, int)}
@@ -138,11 +139,10 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
 
 
 def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
-    """Return how the line of a cable is divided, as shares of its route from 0 to 1.
+    """Return the division of a cable's route, as fractions of its length from 0 to 1.
 
-    In a conduit a part of the line goes from one node to the next: (n+1,). Where the
-    cable lies open a part is what a node stands for, a straight piece
-    or some of an arc: (n+2,).
+    In a conduit these are the places of the nodes (n+1,). In the open they are the ends
+    of the pieces for which each node stands, straight ones or parts of an arc (n+2,).
     """
     described = plugin.from_mjcf(model)[cable]
     if described.path == PATHS[0]:
@@ -160,7 +160,7 @@ def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
 
 
 def resample(polyline: Array, shares: Array) -> Array:
-    """Return points at these shares (n,) of the length of a polyline (P, 3): (n, 3)."""
+    """Return points (n, 3) at fractions `shares` (n,) of a polyline's (P, 3) length."""
     steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     wanted = shares * along[-1]
@@ -169,9 +169,9 @@ def resample(polyline: Array, shares: Array) -> Array:
 
 
 def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
-    """Return RGBA colours of tensions of any shape [N], grey where slack.
+    """Return RGBA colours (..., 4) of tensions (...) [N], grey where slack.
 
-    `highest` is the tension of the brightest colour [N].
+    Tensions of `highest` [N] and above have the brightest colour.
     """
     import matplotlib
 
@@ -202,7 +202,7 @@ def line_notes(model: mujoco.MjModel, cables: Iterable[str]) -> Iterator[str]:
 
 
 def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
-    """Return what the conduit of a cable follows; None where it has no length."""
+    """Return the tendon or straight line to draw; None if the ends coincide."""
     if plugin.from_mjcf(model)[cable].route:
         return plugin.route_tendon(model, cable)
     ends = _actuators(model, cable)
@@ -253,7 +253,7 @@ def _on_tendon(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
-    """Return the sites at which a tendon begins and ends; -1 for none."""
+    """Return ids of a tendon's first and last site; -1 where it ends at no site."""
     start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     ends = [start, start + count - 1]
     on_sites = model.wrap_type[ends] == mujoco.mjtWrap.mjWRAP_SITE
@@ -264,7 +264,7 @@ def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
 def _place(
     model: mujoco.MjModel, data: mujoco.MjData, actuator: int, first: bool
 ) -> Array:
-    """Return where an end is [m]: the axis of its joint, or an end of its tendon."""
+    """Return a cable end's position (3,) [m]: its joint's anchor or tendon's end."""
     target = int(model.actuator_trnid[actuator, 0])
     if _on_tendon(model, actuator):
         return np.array(scene3d.tendon_points(data, target)[0 if first else -1])
@@ -277,10 +277,9 @@ class Capsules:
     def __init__(
         self, model: mujoco.MjModel, cables: Iterable[str], highest: float
     ) -> None:
-        """Take their measures, hide their tendons in the model, and colour the others.
+        """Hide the cables' tendons, and colour the other tendons, in the model itself.
 
-        The model is changed in place; `highest` is the tension of the brightest colour
-        [N].
+        Tensions of `highest` [N] and above have the brightest colour.
         """
         self.highest = highest  # tension of the brightest colour [N]
         self._model = model
@@ -299,10 +298,10 @@ class Capsules:
         data: mujoco.MjData,
         tensions: Mapping[str, Array] | None = None,
     ) -> None:
-        """Add the lines to a scene that has room for all of them.
+        """Append the capsules to the geoms of `scene`, which must have room for them.
 
-        The pose is up to date as by `mj_fwdPosition`. `tensions` are those at the nodes
-        of each cable (n,) [N]; grey without.
+        `data` must be up to date as by `mj_fwdPosition`. `tensions` are those at the
+        nodes of each cable (n,) [N]; without them capsules are grey.
         """
         for line in self._lines:
             points = line.points(self._model, data)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class LabelledEpisode(NamedTuple):
-    """One of those beside each other, all of the same cables."""
+    """One of several episodes that are compared; all have the same cables."""
 
     name: str  # name of the episode, distinct from the others
     log: EpisodeLog
@@ -35,7 +35,7 @@ class LabelledEpisode(NamedTuple):
 
 
 def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
-    """Draw a column for each: its torque-angle loop, and tension at both ends."""
+    """Draw a column per episode: torque-angle loop, and tension at both cable ends."""
     cables = episodes[0].log.cables
     with style():
         drawing = figure(5.2 * len(episodes), 3.6 + 1.8 * len(cables))
@@ -83,7 +83,7 @@ def write_side_by_side(
 
 
 def common_limits(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, float]:
-    """Return limits of one axis for lines of several episodes, see `axis_limits`."""
+    """Return common axis limits of several episodes: their times (T,) and lines."""
     ends = []
     for time, lines in groups:
         found = axis_limits(time, lines)

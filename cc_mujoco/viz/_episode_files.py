@@ -1,4 +1,4 @@
-"""Files of an episode: all that is made of a log."""
+"""Files of an episode: log, metrics, figure, Rerun recording, video and web page."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
 def require_ours(
     folder: str | os.PathLike[str], video: bool = False, html: bool = False
 ) -> None:
-    """Find out, before an episode is played, whether its files can be written there."""
+    """Raise `CableError` unless a later `write_episode` can write to the folder."""
     atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
     atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
     if video:
@@ -70,11 +70,11 @@ def write_episode(
             which it writes the log while the episode runs, and returns the log.
         model: The model that the episode was played on.
         metrics: Measured besides `EPISODE_METRICS`.
-        video: Whether to write `VIDEO_FILE`, too.
-        html: Whether to write `PAGE_FILE`, too.
+        video: Whether to write `VIDEO_FILE` as well.
+        html: Whether to write `PAGE_FILE` as well.
         progress: Called with the simulated time [s] that the video has reached.
-        say: Called with a sentence where a video or page of an earlier episode goes,
-            and where a cable is not drawn along a route of its own.
+        say: Called with a sentence if a video or page of an earlier episode is
+            removed, or if a cable is drawn along a route that it does not name.
 
     Returns:
         The value of every metric that was written.

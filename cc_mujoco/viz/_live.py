@@ -2,9 +2,9 @@
 
     live(env, "pi", seed=0)
 
-It begins anew when it ends, until the window is closed; nothing is written. The loop is
-that of every episode; around it are a plant that waits for the wall and a controller
-that can be exchanged.
+It restarts when it ends, until the window is closed; nothing is written. The loop is
+`simulation.run`, around a plant that keeps pace with real time and a controller that
+can be exchanged.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Over(Exception):
-    """The episode shall not go on."""
+    """Exception that ends the running episode, on a restart or a closed window."""
 
 
 def live(
@@ -43,9 +43,9 @@ def live(
 ) -> None:
     """Play in a window until it is closed.
 
-    `env` has no ranges of its own, `name` is that of the first controller, as
-    `control._controller` takes it, `seed` that of every reset and of the noise of the
-    sensors, and `screen` is called as `Screen` is.
+    `env` is an environment without random ranges, `name` the first controller as
+    `control.axes_controller` takes it, `seed` that of every reset and of the sensors'
+    noise. `screen` makes the window and is called as `Screen` is.
     """
     inner: Any = env.unwrapped
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
@@ -71,7 +71,7 @@ class Exchangeable(Controller):
         self.switch_controller(name)
 
     def switch_controller(self, name: str) -> None:
-        """Switch to another controller from rest, or raise and keep this one."""
+        """Reset and use another controller, or raise and keep the present one."""
         with controller_errors(name):
             law = control.axes_controller(name, self._drives, self._prefixes)
             law.reset()
@@ -87,7 +87,7 @@ class Exchangeable(Controller):
 
 
 class Show:
-    """Visible plant, for `simulation.run`, that obeys the keys."""
+    """A `DrivenDevice` that shows the environment in a window and reacts to keys."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class Show:
             self._hold()
 
     def start(self) -> Columns:
-        """Reset, with the cables as set by the keys; see `DrivenDevice.start`."""
+        """Reset with the requested cable settings; return the columns at the start."""
         knobs = self._knobs
         knobs.restart = False
         self._friction, self._laid = knobs.friction, knobs.pretension
@@ -135,7 +135,7 @@ class Show:
         return self._columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Obey the keys and go a step; see `DrivenDevice.advance`."""
+        """React to keys, then advance a control step; see `DrivenDevice.advance`."""
         if self._knobs.paused:
             self._hold()
         if self._knobs.restart or self.ended:

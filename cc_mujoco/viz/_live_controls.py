@@ -1,11 +1,11 @@
-"""Settings that can change while an episode runs, its texts on the screen, its pace.
+"""Settings that can change during a live episode, texts on its screen, and its pace.
 
     knobs = Knobs(env.exo.device.cables, "pi")
     knobs.press(UP)                    # or knobs.slide(0, 1.25)
     knobs.options()                    # {"flexor.friction": 0.2625, ...}
 
-Friction acts at once and pretension at the next start, as a cable is laid only there.
-Controllers are not informed of either: they know the device as the scene has it.
+Friction changes at once, pretension at the next start. Controllers are told of neither:
+they keep the values of the scene.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ class Slider(NamedTuple):
 
 
 class Knobs:
-    """Requested friction, pretension and controller, and the running ones.
+    """Requested friction, pretension and controller.
 
-    Keys are pressed in the thread of the window and read in that of the simulation.
+    Keys are pressed in the window's thread, and settings read in that of the
+    simulation.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class Knobs:
         controller: str = "",
         names: Iterable[str] = CONTROLLERS,
     ) -> None:
-        """Begin with the unchanged scene; without a name no controller drives it."""
+        """Start with the scene's cables; with controller "" none can be selected."""
         self._cables = cables
         known = tuple(names)
         own = () if controller in known else (controller,)
@@ -61,7 +62,7 @@ class Knobs:
         self.quit = False  # true if the episode is to end
 
     def press(self, key: int) -> None:
-        """Take a key; those that mean nothing are ignored."""
+        """Handle a GLFW key code; keys without a meaning are ignored."""
         step = 1 if key in (UP, HOME, RIGHT) else -1
         if key in (UP, DOWN, HOME, END):
             which = 0 if key in (UP, DOWN) else 1
@@ -78,7 +79,7 @@ class Knobs:
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
-        """Friction and pretension over those of the scene, and a controller's place."""
+        """Sliders of the friction and pretension factors, and of the controller."""
         ends = STEP_FACTOR**-MAX_STEPS, STEP_FACTOR**MAX_STEPS
         factors = Slider("friction", *ends), Slider("pretension", *ends)
         if not self._laws:
@@ -100,7 +101,7 @@ class Knobs:
         return (*rows, ("panel Control", "sliders of these"))
 
     def slide(self, which: int, value: float) -> None:
-        """Set slider `which` to a value, clipped to its ends."""
+        """Set slider number `which` to a value, clipped to its range."""
         _, low, high = self.sliders[which]
         value = min(max(value, low), high)
         if which < 2:
@@ -114,19 +115,20 @@ class Knobs:
 
     @property
     def friction(self) -> float:
-        """Friction over that of the scene, of all cables."""
+        """Factor on the friction of all cables, 1 for that of the scene."""
         return float(STEP_FACTOR ** self._steps[0])
 
     @property
     def pretension(self) -> float:
-        """Pretension over that of the scene, of all cables."""
+        """Factor on the pretension of all cables, 1 for that of the scene."""
         return float(STEP_FACTOR ** self._steps[1])
 
     def options(self, pretension: float | None = None) -> dict[str, float]:
-        """Return the plant's options for a reset of the environment.
+        """Return `options` for a reset of the environment, under `CABLE.NAME`.
 
-        `CABLE.NAME` of friction, static friction and pretension, over that of the
-        scene; never empty, so that a reset takes back what was changed since the last.
+        They are friction, static friction and pretension of every cable, also those
+        that equal the scene's, so that a reset undoes earlier changes. `pretension`
+        replaces the requested factor.
         """
         scale = self.pretension if pretension is None else pretension
         found = {}
@@ -140,14 +142,14 @@ class Knobs:
 
 
 class Sliders:
-    """Knobs as the last controls of a model that is shown.
+    """Knobs as additional controls of the model that a MuJoCo viewer shows.
 
     MuJoCo's viewer has a slider for the control of every actuator of a visible group.
-    The shown scene is not simulated, so its controls can represent the knobs.
+    The shown model is not simulated, so its controls can represent the knobs.
     """
 
     def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:
-        """Add the controls to a scene; `own` keeps those of its own actuators."""
+        """Add actuators for the knobs to `spec`; `own` shows the scene's own too."""
         self.controls: NDArray[np.float64] | None = None
         """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs
@@ -169,14 +171,14 @@ class Sliders:
         """The scene with a slider for each knob in place of its own."""
 
     def write(self, data: mujoco.MjData) -> None:
-        """Put the sliders where keys have turned the knobs to."""
+        """Set the controls of `data` to the knobs that keys have changed."""
         wanted = self._knobs.slides
         if wanted != self._wanted:
             self._wanted, self._seen = wanted, np.array(wanted)
             data.ctrl[-self._seen.size :] = self._seen
 
     def read(self, data: mujoco.MjData) -> None:
-        """Turn the knobs to where the sliders are, where those were moved."""
+        """Set the knobs to the controls of `data` that the user has moved."""
         now = np.array(data.ctrl[-self._seen.size :])
         self.controls = np.array(data.ctrl[: -self._seen.size])
         moved = np.flatnonzero(now != self._seen)
@@ -201,12 +203,11 @@ def state_rows(
     highest: float,
     controller: str = "",
 ) -> tuple[tuple[str, str], ...]:
-    """Name and value of all that changes.
+    """Return (name, value) texts of the state of a live simulation.
 
-    `columns` are those of an episode log, at this time; without a controller torques
-    are not needed. `pretension` is that of the cables over that of the scene, `factor`
-    simulated over real time, NaN before it is known, and `highest` the tension of the
-    brightest colour [N].
+    `columns` are those of an episode log at this time, torques only with a controller.
+    `pretension` is a factor on that of the scene, `factor` is simulated time over real
+    time (NaN while unknown), and `highest` the tension of the brightest colour [N].
     """
     speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
     pace = ", paused" if knobs.paused else speed
@@ -229,7 +230,7 @@ def state_rows(
 
 
 def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the lines of a sentence, in the second column; none of an empty one."""
+    """Return a sentence as rows ("", line) of limited width; () if it is empty."""
     return tuple(("", line) for line in textwrap.wrap(text, 60))
 
 
@@ -238,7 +239,7 @@ def _factor_text(factor: float) -> str:
 
 
 class RealTimePacer:
-    """Waits wherever the simulation is ahead."""
+    """Waits so that simulated time does not run ahead of real time."""
 
     max_lead = 0.004  # simulated time ahead, so that sleeps are worth their while [s]
     max_lag = 0.1  # lag that is not made up for: then time slows down [s]
@@ -249,7 +250,7 @@ class RealTimePacer:
         now: Callable[[], float] = wall.perf_counter,
         sleep: Callable[[float], object] = wall.sleep,
     ) -> None:
-        """Prepare with a monotonic clock `now` [s] and its `sleep`."""
+        """Take a monotonic clock `now` [s] and the function that sleeps for [s]."""
         self._now, self._sleep = now, sleep
         self.factor = math.nan
         """Ratio of simulated to real time of late; NaN before there is any."""
@@ -259,7 +260,7 @@ class RealTimePacer:
         self._wall_time = self._interval_start = self._now()
 
     def keep(self, time: float) -> None:
-        """Wait until the wall has come as far."""
+        """Wait until real time has reached the simulated `time` [s]."""
         now = self._now()
         ahead = (time - self._time) - (now - self._wall_time)
         if ahead > self.max_lead:

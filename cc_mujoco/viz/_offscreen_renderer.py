@@ -3,10 +3,10 @@
     with OffscreenRenderer(model, log.cables, 80.0, log["qpos"][::100]) as stage:
         picture = stage.picture(qpos, tensions)
 
-Software draws OpenGL slowly where no graphics card does it, shadows above all. So what
-cannot move is drawn once, with all its looks, and remembered with its depth; a picture
-then takes what moves and the cables alone, and puts both together where either is
-nearer. It is drawn at twice the size and averaged. What moves casts no shadow.
+OpenGL without a graphics card is slow, above all in shadows. So static geoms are
+rendered once and kept with their depth. For each picture only moving geoms and cables
+are rendered, and both are merged by depth. Pictures are rendered at twice their size
+and averaged. Moving parts cast no shadow.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Picture = NDArray[np.uint8]
 
 
 class Exposure(NamedTuple):
-    """Moving parts, drawn and not yet put into the picture; the lowest row first."""
+    """Rendered moving parts, not yet merged with the background; bottom row first."""
 
     rows: slice  # of what was drawn that hold any of it
     tiles: list[tuple[slice, slice]]  # rows and columns of parts that hold any of it
@@ -44,12 +44,12 @@ SUPERSAMPLING = 2
 
 
 def require_opengl() -> None:
-    """Find out, before long work, whether a `OffscreenRenderer` can be opened."""
+    """Raise `CableError` if an `OffscreenRenderer` cannot be opened."""
     _context(8, 8).free()
 
 
 def _context(width: int, height: int) -> Any:
-    """Open OpenGL: as MUJOCO_GL selects or, on Linux without it, with no display."""
+    """Open an OpenGL context: by MUJOCO_GL, or headless on Linux without it."""
     try:
         maker: Any = mujoco.GLContext
         if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
@@ -70,7 +70,7 @@ def _context(width: int, height: int) -> Any:
 
 
 class OffscreenRenderer:
-    """A model, lit and seen by its first camera; needs OpenGL, but no display."""
+    """Renderer of a model as its first camera sees it; needs OpenGL, but no display."""
 
     def __init__(
         self,
@@ -83,10 +83,10 @@ class OffscreenRenderer:
         """Aim the camera at the moving parts, and draw the static ones.
 
         Args:
-            model: Compiled model; MuJoCo's free camera looks on if it has no other.
-            cables: Names of cables; those with a route are drawn.
+            model: Compiled model; MuJoCo's free camera is used if it has none.
+            cables: Names of cables to draw; one without a route or length is left out.
             highest: Tension of the brightest colour [N].
-            poses: Some of those that will be drawn (T, nq), to have all in the picture.
+            poses: Poses (T, nq) that the picture must show without cropping.
             size: Height and width of the pictures [pixels].
 
         Raises:
@@ -137,13 +137,13 @@ class OffscreenRenderer:
         self._gl.free()
 
     def picture(self, qpos: Array, tensions: Mapping[str, Array]) -> Picture:
-        """Take a picture (height, width, 3) of a pose, with node tensions (n,) [N]."""
+        """Return the picture (height, width, 3) of a pose; node tensions (n,) [N]."""
         return self.compose_picture(self.render_moving(qpos, tensions))
 
     def render_moving(self, qpos: Array, tensions: Mapping[str, Array]) -> Exposure:
-        """Draw the moving parts, the half of `picture` that needs OpenGL's thread.
+        """Render the moving parts, in the thread that owns the OpenGL context.
 
-        It is lost with the exposure after the next, which takes its place.
+        The second call after this one reuses the memory of the exposure.
         """
         self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
         self._capsules.add(self._scene, self._data, tensions)
@@ -158,7 +158,7 @@ class OffscreenRenderer:
         return Exposure(slice(low, high), tiles, colors, depth)
 
     def compose_picture(self, exposure: Exposure) -> Picture:
-        """Compose moving and static parts by depth, in one thread at a time."""
+        """Merge an exposure with the static parts by depth; one thread at a time."""
         rows, tiles, colors, depth = exposure
         merged = self._merged_pixels
         merged[rows] = self._background_pixels[rows]
@@ -190,7 +190,7 @@ class OffscreenRenderer:
             eye.frustum_center, eye.frustum_bottom, eye.frustum_top = self._frustum
 
     def _aim(self, poses: Array) -> tuple[float, float, float]:
-        """Return centre, bottom and top of a frustum with all moving parts."""
+        """Return centre, bottom and top of a frustum that shows all `poses` (T, nq)."""
         boxes = []
         for qpos in poses:
             self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
@@ -204,7 +204,7 @@ class OffscreenRenderer:
         return float(center[0]), float(center[1] - tall), float(center[1] + tall)
 
     def _tiles(self) -> Iterator[tuple[slice, slice]]:
-        """Yield rows and columns of the parts of the picture that hold the scene."""
+        """Yield rows and columns of the picture's parts that moving geoms may cover."""
         eye, (height, width) = self._scene.camera[0], self._size
         per_meter = height / (eye.frustum_top - eye.frustum_bottom)
         left = eye.frustum_center - 0.5 * width / per_meter
@@ -236,7 +236,7 @@ class OffscreenRenderer:
 
 
 def _screen_boxes(scene: mujoco.MjvScene) -> Array:
-    """Return left, bottom, right and top of geoms on the frustum's plane (n, 4)."""
+    """Return boxes (n, 4) around geoms on the frustum: left, bottom, right, top [m]."""
     geoms = scene.geoms[: scene.ngeom]
     places = np.array([geom.pos for geom in geoms], dtype=np.float64)
     turns = np.array([geom.mat for geom in geoms], dtype=np.float64)

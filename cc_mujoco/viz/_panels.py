@@ -1,4 +1,4 @@
-"""Frames of a moving scene, and the plots over time next to it."""
+"""Sampling of video frames, and plots of an episode over time: lines and panels."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ k-th one, so that they need no more memory for it."""
 
 
 def frame_slices(count: int, most: int = 1800) -> Iterator[slice]:
-    """Yield slices of at most so many that cover all frames, to prepare at once."""
+    """Yield slices of at most `most` frames that cover `count`, to bound memory."""
     for start in range(0, count, most):
         yield slice(start, start + most)
 
 
 def frame_samples(time: Array, rate: float = FRAME_RATE) -> NDArray[np.intp]:
-    """Return the sample nearest to each frame; an episode has at least one frame."""
+    """Return the sample nearest to each frame at `rate` [1/s], for one at least."""
     count = max(1, round(float(time[-1] - time[0]) * rate))
     wanted = time[0] + np.arange(count) / rate
     after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))
@@ -41,7 +41,7 @@ def frame_samples(time: Array, rate: float = FRAME_RATE) -> NDArray[np.intp]:
 
 
 def frame_rate(time: Array, rate: float, most: int) -> float:
-    """Return a rate of frames, lowered where an episode would have too many [1/s]."""
+    """Return the frame rate [1/s]: `rate`, or lower to have at most `most` frames."""
     return min(rate, most / max(float(time[-1] - time[0]), 1e-9))
 
 
@@ -65,7 +65,7 @@ class Panel(NamedTuple):
 
 
 def torques(log: EpisodeLog) -> list[Panel]:
-    """Return the torque at the joint, as desired and as delivered, and at the motor."""
+    """Return panels of each axis: desired and delivered joint torque, motor torque."""
     panels = []
     for axis, own in log.each_axis():
         delivered = PlotLine("delivered", own["joint_torque_nm"], BLUE)
@@ -78,7 +78,7 @@ def torques(log: EpisodeLog) -> list[Panel]:
 
 
 def angles(log: EpisodeLog) -> list[Panel]:
-    """Return the angles of every axis: joint, the wearer's target and motor."""
+    """Return a panel per axis of the angles of joint, wearer's target and motor."""
     return [
         Panel(f"Angle, {axis}" if axis else "Angle", "deg", axis_angles(own))
         for axis, own in log.each_axis()
@@ -86,7 +86,7 @@ def angles(log: EpisodeLog) -> list[Panel]:
 
 
 def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
-    """Return the angles of the joint, the wearer's target and the motor of an axis."""
+    """Return lines of an axis's angles [deg]: motor at the joint, joint, target."""
     ratio = log.metadata.get(Key.RATIO)
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     label = "motor" if ratio is None else "motor, referred to the joint"
@@ -108,7 +108,7 @@ def tensions(log: EpisodeLog) -> list[Panel]:
 
 
 def highest_tension(log: EpisodeLog) -> float:
-    """Return the highest tension in any cable, above 0, for a scale of colours [N]."""
+    """Return the highest node tension of all cables [N], at least 1e-9."""
     columns = (log.pieces(f"tension_{cable}_nodes_n") for cable in log.cables)
     peaks = (float(rows.max()) for column in columns for rows in column)
     return max(peaks, default=0.0) or 1e-9

@@ -1,7 +1,7 @@
-"""The Rerun recording of an episode: a file that opens as a finished layout.
+"""The Rerun recording of an episode: a file that opens with a finished layout.
 
-Nothing is drawn here, so no display is needed. `rerun recording.rrd` opens it. The
-recording id is a digest of the log: two runs with equal logs compare equal.
+No display is needed to write it. `rerun recording.rrd` opens it. The recording id is a
+digest of the log, so equal logs give equal recordings.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ END_STATES = {
 
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:
-    """Log the state of each end of each cable whenever it changes."""
+    """Log stick, slip or slack at both ends of each cable whenever it changes."""
     time, names = log["time_s"], np.array(list(END_STATES))
     colors = np.array(list(END_STATES.values()), dtype=np.uint32)
     states = list(END_STATES)
@@ -71,9 +71,10 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
 def state_changes(
     time: NDArray[np.float64], state: NDArray[np.integer]
 ) -> tuple[NDArray[np.intp], NDArray[np.integer]]:
-    """Return the samples at which a state begins, and which state it is.
+    """Return the samples at which a state begins, and that state (changes,) each.
 
-    `time` (T,) rises [s], `state` is the position in `END_STATES` (T,).
+    `time` (T,) [s] increases; `state` (T,) indexes `END_STATES`. Four or more brief
+    states in a row become one state "to and fro".
     """
     begun = np.flatnonzero(np.diff(state, prepend=-1))
     lasts = np.diff(time[begun], append=time[-1])
@@ -96,9 +97,9 @@ def write_recording(
     model: mujoco.MjModel,
     metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
-    """Write an episode as a `.rrd` file; an older one stays until it is whole.
+    """Write an episode as a `.rrd` file, which replaces an older one when complete.
 
-    The page about the episode shows the `metrics`.
+    The recording's page about the episode shows the `metrics`.
     """
     opening = blueprint(log.thinned(MAX_SAMPLES), model)
     with recording(path, recording_id(log), opening) as rec:
@@ -127,11 +128,11 @@ def log_episode(
 def recording(
     path: str | os.PathLike[str], identity: str, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
-    """Yield a stream whose content becomes a file, whole or not at all.
+    """Yield a stream whose data replace the file `path` when the block succeeds.
 
-    Memory holds what is logged at once: Rerun writes to a pipe, and a thread moves it
-    on to the file, for Rerun's own writer waits for ever when the disk is full. On
-    Windows, which has no such pipe, all of it is held until the end.
+    Rerun writes to a pipe that a thread copies to the file, so memory does not hold all
+    data, and a full disk raises an error; Rerun's own writer would wait for ever.
+    Windows has no such pipe: there all data stay in memory until the end.
     """
     with replacing(path) as partial, strict():
         own: Any = {"recording_id": identity, "send_properties": False}
@@ -144,7 +145,7 @@ def recording(
 
 @contextmanager
 def _saved(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
-    """Save the data logged in the block; raise an error such as a full disk."""
+    """Write the data logged in the block to `path`; raise its errors (full disk)."""
     failures: list[OSError] = []
 
     def move_on(pipe: int) -> None:
@@ -184,7 +185,7 @@ def _saved_on_windows(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
 
 
 def recording_id(log: EpisodeLog) -> str:
-    """Return an id that is the same for equal logs, and only for them."""
+    """Return a digest of the log, equal for equal logs only."""
     digest = hashlib.sha256(json.dumps(log.metadata, sort_keys=True).encode())
     for column in log.schema:
         pieces = log.pieces(column.name)
@@ -229,9 +230,9 @@ def _log_scene(
 def _log_conduit(
     rec: Branch, path: str, time: Array, ends: Array, colors: NDArray[np.uint8]
 ) -> None:
-    """Log some frames of a line, at `time` (t,) [s].
+    """Log a coloured polyline at `path` for some frames, at `time` (t,) [s].
 
-    Its parts have ends (t, P, 3) [m] and colours (t, P-1, 4).
+    `ends` (t, P, 3) [m] are the ends of its parts, `colors` (t, P-1, 4) theirs.
     """
     lengths = [ends.shape[1] - 1] * len(ends)
     own = rr.LineStrips3D.columns(colors=colors.reshape(-1, 4))

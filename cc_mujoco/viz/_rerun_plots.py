@@ -96,7 +96,7 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
 
 
 def playing(content: rrb.Container) -> rrb.Blueprint:
-    """Return a layout of which only the content is seen, and which plays at once."""
+    """Return a layout that shows only `content` and plays as soon as it opens."""
     time = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing")
     return rrb.Blueprint(content, time, collapse_panels=True)
 
@@ -132,14 +132,14 @@ def _cable_plots(log: EpisodeLog, cables: Sequence[str]) -> list[View]:
 def lines(
     log: EpisodeLog, name: str, origin: str, paths: Sequence[str] = ()
 ) -> rrb.TimeSeriesView:
-    """Return a plot of lines of the episode, all below the origin unless given."""
+    """Return a plot of the series at `paths`, by default of all below `origin`."""
     shown = line_values(log, origin, paths)
     contents = [rr.new_entity_path(path.split("/")) for path in paths]
     return plot(f"/{origin}", name, log["time_s"], shown, contents=contents)
 
 
 def line_values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list[Array]:
-    """Return the values (T,) of each line at these paths; see `lines`."""
+    """Return the values (T,) of the series at `paths`, or of all below `origin`."""
     drawn = {"/".join(line.path): line.values for line in plotted_series(log)}
     shown = paths or [path for path in drawn if path.startswith(f"{origin}/")]
     return [drawn[path] for path in drawn if path in shown]
@@ -148,10 +148,9 @@ def line_values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list
 def scene_view(
     log: EpisodeLog, model: mujoco.MjModel, root: str = "", name: str = ""
 ) -> rrb.Spatial3DView:
-    """Return a view of the scene of an episode.
+    """Return a 3-D view of the scene that is logged under `root`.
 
-    `root` is the path under which it is logged. Its name has scene, trajectory and, of
-    a single axis, task unless given.
+    By default its title has scene, trajectory and, for a single axis, task.
     """
     position, target = viewpoint(model)
     eye = rrb.EyeControls3D(

@@ -1,9 +1,8 @@
 """The 3-D scene of a MuJoCo model as Rerun entities.
 
-Geoms are logged once, as static shapes. A body that can move has one transform per
-frame, under which its geoms hang; poses come from `mj_kinematics` on the recorded
-generalized coordinates, so a log needs no poses. Spatial tendons that no cable colours
-by its tension are plain lines.
+Geoms are logged once, as static shapes below their body. A body that can move has one
+transform per frame, from `mj_kinematics` at the recorded `qpos`, so a log needs no body
+poses. Spatial tendons that are not coloured as cables are plain lines.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from cc_mujoco.viz._panels import frame_slices
 
 @dataclass(frozen=True)
 class Branch:
-    """Place of an episode in a recording, which may hold several."""
+    """A Rerun recording and the entity path below which an episode is logged."""
 
     rec: rr.RecordingStream
     root: str = ""
@@ -37,7 +36,7 @@ class Branch:
     ) -> None:
         """Log a whole series at a path below the root, and wait until it is encoded.
 
-        Else all series of a long episode would queue up in memory.
+        Without waiting, all series of a long episode would queue up in memory.
         """
         self.rec.send_columns(self._full_path(path), index, columns)
         self.rec.flush()
@@ -54,7 +53,7 @@ WORLD, TIMELINE = "world", "sim_time"
 
 
 def log_static(rec: Branch, model: mujoco.MjModel) -> None:
-    """Log every visible geom once; the reference pose places what cannot move."""
+    """Log every visible geom once, below its moving body or in the reference pose."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -75,7 +74,7 @@ def log_static(rec: Branch, model: mujoco.MjModel) -> None:
 
 
 def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
-    """Yield every geom that is drawn, and its colour (4,)."""
+    """Yield the id and RGBA colour (4,) of every geom that is drawn."""
     for geom in range(model.ngeom):
         rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
         if model.geom_group[geom] < 3 and rgba[3] > 0:  # as in MuJoCo's own viewers
@@ -83,7 +82,7 @@ def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
 
 
 def set_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array) -> None:
-    """Bring bodies, cameras and tendons into a pose (nq,)."""
+    """Compute bodies, cameras and tendons in `data` for the pose `qpos` (nq,)."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -91,7 +90,7 @@ def set_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array) -> None:
 
 
 def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
-    """Return positions (T, nbody, 3) [m] and quaternions (T, nbody, 4) of bodies."""
+    """Return body positions (T, nbody, 3) [m] and quaternions (T, nbody, 4)."""
     position = np.empty((len(qpos), model.nbody, 3))
     quaternion = np.empty((len(qpos), model.nbody, 4))
     data = mujoco.MjData(model)
@@ -103,7 +102,7 @@ def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
 
 
 def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
-    """Log the pose of every body that can move, at `time` (T,) [s], `qpos` (T, nq)."""
+    """Log poses of all moving bodies, at `time` (T,) [s], for `qpos` (T, nq)."""
     moving = np.flatnonzero(model.body_weldid != 0)
     for some in frame_slices(len(time)):
         position, quaternion = body_poses(model, qpos[some])
@@ -115,7 +114,7 @@ def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> 
 
 
 def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Return the position and the target of the initial view, in metres.
+    """Return position (3,) and target (3,) of the initial view [m].
 
     It is the model's first camera, or MuJoCo's free camera if it has none.
     """
@@ -147,7 +146,7 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
 
 
 def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
-    """Return the colour that MuJoCo draws: the material's unless the thing has one."""
+    """Return the colour that MuJoCo draws: `rgba` (4,) if set, else the material's."""
     if material < 0 or not _is_default(rgba):
         return np.array(rgba, dtype=float)
     color = np.array(model.mat_rgba[material], dtype=float)
@@ -192,7 +191,7 @@ def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
 
 
 def mesh_arrays(model: mujoco.MjModel, geom: int) -> tuple[Any, Any]:
-    """Return the points (V, 3) [m] and the triangles (F, 3) of a geom's mesh."""
+    """Return the vertices (V, 3) [m] and triangles (F, 3) of a mesh geom."""
     mesh = int(model.geom_dataid[geom])
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
@@ -211,9 +210,9 @@ def log_tendons(
     qpos: Array,
     skipped: Collection[int],
 ) -> None:
-    """Log every visible spatial tendon that is not skipped in its own colour.
+    """Log every visible spatial tendon except `skipped` ones, in its own colour.
 
-    At `time` (T,) [s] in the poses `qpos` (T, nq).
+    It is logged at `time` (T,) [s] in the poses `qpos` (T, nq).
     """
     for tendon, rgba in visible_tendons(model, skipped):
         name = _name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
@@ -229,10 +228,10 @@ def log_tendons(
 def visible_tendons(
     model: mujoco.MjModel, skipped: Collection[int]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield every drawn spatial tendon that is not skipped, and its colour (4,).
+    """Yield id and colour (4,) of every drawn spatial tendon except `skipped` ones.
 
-    That of one that has none is not MuJoCo's grey: grey means slack where cables are
-    coloured by tension, and it may be the taut rope between a conduit and a lever.
+    A tendon without a colour of its own is not drawn in MuJoCo's default grey, because
+    grey means slack here, and a rope from conduit to lever may be taut.
     """
     for tendon in range(model.ntendon):
         rgba, material = model.tendon_rgba[tendon], model.tendon_matid[tendon]
@@ -253,14 +252,14 @@ def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:
 
 
 def _is_default(rgba: Array) -> bool:
-    """Return whether a colour is the grey of what has none of its own."""
+    """Return whether a colour is MuJoCo's default grey of an uncoloured object."""
     return np.allclose(rgba, (0.5, 0.5, 0.5, 1.0))
 
 
 def tendon_paths(
     model: mujoco.MjModel, tendon: int, qpos: Array
 ) -> list[NDArray[np.float32]]:
-    """Return the points of a tendon in every frame, each (P, 3) in metres."""
+    """Return a tendon's points (P, 3) [m] in every pose of `qpos` (T, nq)."""
     data = mujoco.MjData(model)
     paths = []
     for coordinates in qpos:
@@ -270,7 +269,7 @@ def tendon_paths(
 
 
 def tendon_points(data: mujoco.MjData, tendon: int) -> Array:
-    """Return the points of a tendon (P, 3) [m], up to date as by `mj_tendon`."""
+    """Return the points (P, 3) [m] of a tendon; `mj_tendon` must be up to date."""
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     part = slice(start, start + count)
     # -2 only separates the branches of a tendon.

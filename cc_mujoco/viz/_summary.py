@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
-    """Draw the summary of an episode into a PNG file."""
+    """Draw the summary of an episode (see `draw_summary`) into a PNG file."""
     figures.save(path, draw_summary(log))
 
 
@@ -81,7 +81,7 @@ def _draw_over_time(
 
 
 def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
-    """Draw torque over angle of the joint, as desired and as delivered."""
+    """Draw desired and delivered torque over the joint angle."""
     angle = np.degrees(log["joint_angle_rad"])
     axes.axhline(0, color=GREY, linewidth=0.6)
     axes.axvline(0, color=GREY, linewidth=0.6)
@@ -94,7 +94,7 @@ def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
 
 
 def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
-    """Return the node nearest to each of many even steps along a cable of n nodes."""
+    """Return the nearest of `nodes` nodes at 501 even places along a cable (501,)."""
     shares = np.linspace(0.0, 1.0, nodes)
     config = log.metadata.get("cables", {}).get(cable)
     if config is not None:
@@ -107,9 +107,10 @@ def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
 def _tension_means(
     log: EpisodeLog, cable: str, every: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Return means of `every` tensions (columns, nodes), and the highest tension [N].
+    """Return means over blocks of samples (blocks, nodes), and the highest tension [N].
 
-    The tensions of all samples together would be the largest array of a long episode.
+    A block has `every` samples. The tensions of all samples together would be the
+    largest array of a long episode.
     """
     means, highest = [], 0.0
     left: list[NDArray[np.float64]] = []
@@ -123,7 +124,7 @@ def _tension_means(
 
 
 def _draw_tensions(part: Any, log: EpisodeLog) -> None:
-    """Draw one heat map per cable, place on the cable upwards, time to the right."""
+    """Draw a heat map of tension per cable: time to the right, joint end at the top."""
     import matplotlib
 
     time = log["time_s"]

@@ -36,7 +36,7 @@ Picture = NDArray[np.uint8]
 
 
 class _Layout(NamedTuple):
-    """Places in a frame [pixels]."""
+    """Positions of scene and plots in a frame [pixels]."""
 
     size: tuple[int, int] = (720, 1280)  # height and width
     scene: tuple[int, int, int, int] = (44, 632, 0, 760)  # top, height, left, width
@@ -52,10 +52,10 @@ time."""
 
 
 class Strips:
-    """Frames of a video of an episode without the scene.
+    """Frames of a video except for the scene: plots with a moving time cursor.
 
-    All is drawn once, whole and faded; a frame has the whole lines before its moment,
-    the faded ones after it, and the moment as an upright line.
+    The plots are drawn twice, opaque and faded. A frame has the opaque lines before its
+    time, the faded ones after it, and a vertical line between.
     """
 
     def __init__(self, log: EpisodeLog, highest: float) -> None:
@@ -65,14 +65,14 @@ class Strips:
         self._frame, self._column = self._faded_frame.copy(), LAYOUT.scene[3]
 
     def column(self, time: float) -> int:
-        """Return the column of a frame at which the plots show this time [s]."""
+        """Return the pixel column at which the plots show the time [s]."""
         share = (time - self._start) / max(self._end - self._start, 1e-9)
         return round(LAYOUT.plots[0] + share * (LAYOUT.plots[1] - LAYOUT.plots[0]))
 
     def frame(self, scene: Picture, time: float) -> Picture:
-        """Put a frame (720, 1280, 3) together, which the next call changes.
+        """Return the frame (720, 1280, 3) at `time` [s]; the next call overwrites it.
 
-        `scene` is its picture, of the size in `LAYOUT.scene`, at `time` [s].
+        `scene` is the picture of the scene, of the size in `LAYOUT.scene`.
         """
         frame, column = self._frame, self.column(time)
         low, high = sorted((self._column, column))
@@ -91,7 +91,7 @@ class Strips:
 def _draw_surroundings(
     log: EpisodeLog, highest: float, opacity: float
 ) -> tuple[Picture, list[tuple[int, int]]]:
-    """Draw all but the scene; return the picture and the rows of each plot."""
+    """Draw a frame without its scene; return it, and each plot's (top, bottom) row."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -156,7 +156,7 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
 
 
 def require_video() -> None:
-    """Refuse an episode of which no video can be made, before it is played."""
+    """Raise `CableError` if PyAV or OpenGL, which a video needs, is missing."""
     _av()
     offscreen.require_opengl()
 
@@ -167,9 +167,9 @@ def write_video(
     model: mujoco.MjModel,
     progress: Callable[[float], object] | None = None,
 ) -> None:
-    """Write the video of an episode as MP4; an older file stays until it is whole.
+    """Write the video of an episode as MP4, which replaces an older one when complete.
 
-    `progress` is called with the simulated time [s] of what is done, first with 0.
+    `progress` is called with the simulated time [s] that is encoded, first with 0.
     """
     av = _av()
     progress = progress or (lambda time: None)
@@ -216,7 +216,7 @@ def write_video(
 def _shown(
     log: EpisodeLog, samples: NDArray[np.intp]
 ) -> Iterator[tuple[float, NDArray[np.float64], dict[str, NDArray[np.float64]]]]:
-    """Yield time, pose and tensions at the nodes of the cables of some samples."""
+    """Yield time [s], `qpos` (nq,) and node tensions by cable (n,) [N] at `samples`."""
     for part in panels.frame_slices(len(samples), 600):
         some = samples[part]
         time, qpos = log.rows("time_s", some), log.rows("qpos", some)

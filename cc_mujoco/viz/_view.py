@@ -1,9 +1,9 @@
-"""A scene of the user's in MuJoCo's viewer, simulated in real time, with sliders.
+"""A user's scene in MuJoCo's viewer, simulated in real time, with sliders.
 
     view("knee.xml")
 
-The viewer's panel *Control* has the actuators of the scene, and friction and pretension
-of the cables as factors of what the scene has; cables are coloured by tension.
+The viewer's panel *Control* has the actuators of the scene, and factors on friction and
+pretension of its cables; cables are coloured by tension.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tensio
 
 
 def scene_file(scene: str) -> Path:
-    """Return the file of a scene: path of an MJCF file or description, or name."""
+    """Return the MJCF file of a scene: a path, that of a description, or a name."""
     if Path(scene).suffix.lower() == ".toml":
         path = find_device(scene).path
         assert path is not None  # it was read from a file
@@ -46,9 +46,9 @@ def scene_file(scene: str) -> Path:
 
 
 def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
-    """Return the file of a scene, see `scene_file`, its specification and its model.
+    """Return the file of a scene (see `scene_file`), its specification and its model.
 
-    The model has room for other configurations of its cables.
+    The model has room for other parameters of its cables, so that they can change.
     """
     path = scene_file(scene)
     spec = read_spec(path)

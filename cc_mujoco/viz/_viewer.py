@@ -1,4 +1,4 @@
-"""A window on a simulation that runs: MuJoCo's viewer, cables coloured by tension.
+"""A window on a running simulation: MuJoCo's viewer, cables coloured by tension.
 
     with Screen(model, cables, 10.0, knobs.press) as screen:
         while screen.open:
@@ -6,8 +6,8 @@
             mujoco.mj_step(model, data)
             screen.show(Frame(data.qpos.copy(), tensions, texts))
 
-The viewer has a model and data of its own, and a thread of its own that paints: what
-is shown is the latest frame, and nobody waits for it.
+The viewer has its own model and data, and paints in a thread of its own: it shows the
+latest frame, and the simulation does not wait for it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Frame(NamedTuple):
 
 
 def require_screen(what: str = "--live") -> None:
-    """Find out, before long work, whether a `Screen` can be opened.
+    """Raise `CableError` if a `Screen` cannot be opened, before long work.
 
     `what` is the command or option that needs it, for the message.
     """
@@ -87,7 +87,7 @@ def _no_screen_error(reason: str, what: str) -> CableError:
 
 
 def _opens_window() -> bool:
-    """Return whether GLFW opens an OpenGL window; not on macOS: its main thread may."""
+    """Return whether GLFW can open an OpenGL window, by opening a hidden one."""
     import glfw
 
     if not glfw.init():
@@ -103,7 +103,7 @@ def _opens_window() -> bool:
 
 
 class Screen:
-    """MuJoCo's passive viewer; needs a screen."""
+    """MuJoCo's passive viewer, with cables coloured by tension; needs a display."""
 
     def __init__(
         self,
@@ -113,12 +113,12 @@ class Screen:
         press: Callable[[int], object],
         sliders: Sliders | None = None,
     ) -> None:
-        """Open the window, as the first camera of the model sees it.
+        """Open the window with the view of the model's first camera.
 
-        A copy of the model is shown, and cables with a route are coloured. `highest` is
-        the tension of the brightest colour at first [N]; it rises with them. `press` is
-        called with each key, as GLFW numbers it, in the window's thread. The model of
-        `sliders`, of the same scene, is shown instead.
+        A copy of the model is shown, or the model of `sliders`, which must be of the
+        same scene. `highest` [N] is the initial tension of the brightest colour; it
+        rises with the tensions. `press` is called in the window's thread with each GLFW
+        key code.
         """
         self._model = shown = copy.copy(model) if sliders is None else sliders.model
         self._sliders = sliders
@@ -172,11 +172,11 @@ class Screen:
         return self._capsules.highest
 
     def show(self, frame: Frame) -> None:
-        """Request the painting of a frame, unless a later one comes first."""
+        """Request the painting of a frame; a later request replaces it."""
         self._frame = frame
 
     def push(self, data: mujoco.MjData) -> None:
-        """Let the mouse push the simulation by `xfrc_applied`, as MuJoCo's viewer."""
+        """Apply the mouse's forces to `data.xfrc_applied`, as MuJoCo's viewer does."""
         mouse = self._mouse
         if mouse.active or self._mouse_was_active:
             data.xfrc_applied[:] = 0.0
@@ -216,6 +216,6 @@ class Screen:
 
 
 def round_up_tension(tension: float) -> float:
-    """Return the next of 1, 2, 5, 10, ... from a tension on [N]; seldom another."""
+    """Return the next of 1, 2, 5, 10, 20, ... N from a tension on, to change rarely."""
     power = 10.0 ** np.floor(np.log10(max(tension, 1e-3)))
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= tension))

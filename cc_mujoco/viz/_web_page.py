@@ -1,4 +1,4 @@
-"""The page of an episode: a file that any browser plays, with no server or network.
+"""The web page of an episode: one file that a browser plays without a server.
 
     write_page("episode.html", log, env.unwrapped.model, measure(log))
 
@@ -38,7 +38,7 @@ from cc_mujoco.viz._web_scene import encode_array, web_scene
 
 
 def require_page() -> None:
-    """Refuse an episode of which no page can be made, before it is played."""
+    """Raise `CableError` if no page can be made, because plotly is missing."""
     _plotly()
 
 
@@ -48,7 +48,7 @@ def write_page(
     model: mujoco.MjModel,
     metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
-    """Write the page of an episode with metrics below, whole or not at all."""
+    """Write the page of an episode with `metrics` below, replacing an older one."""
     library = _plotly()
     highest, count = highest_tension(log), len(log)
     log = log.thinned(MAX_SAMPLES)
@@ -101,7 +101,7 @@ def write_page(
 
 
 def _colors() -> list[tuple[float, str]]:
-    """Return the colour scale of tensions, 0 to 1, with a thousandth grey for slack."""
+    """Return plotly's colour scale of tension over its maximum, grey below 0.001."""
     import matplotlib
 
     shares = np.linspace(0.0, 1.0, 17)

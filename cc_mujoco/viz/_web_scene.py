@@ -1,4 +1,4 @@
-"""The 3-D scene of an episode as data for a page: bodies, cables, and a first view."""
+"""The 3-D scene of an episode as data for a web page: bodies, cables, and a camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines, resample
 
 
 class TriangleMesh(NamedTuple):
-    """Triangles of a geom or cable, in its own frame."""
+    """Triangles of a geom or of geoms of one body, in the frame of the geom or body."""
 
     vertices: Array  # points (V, 3) [m]
     triangles: NDArray[np.int32]  # their corners (F, 3), anticlockwise from outside
@@ -26,9 +26,9 @@ class TriangleMesh(NamedTuple):
 def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     """Return the triangles of a geom in its own frame.
 
-    Height fields and signed distance fields are their bounding boxes. `reach` of what
-    there is to see [m] is half the side at which a larger plane is cut off, and decides
-    how finely a round shape is drawn.
+    Height fields and signed distance fields are drawn as bounding boxes. `reach` [m] is
+    the size of the visible scene: planes are cut to twice that, and round shapes that
+    are small beside it have fewer sides.
     """
     shape = mujoco.mjtGeom
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]
@@ -64,7 +64,7 @@ def join_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
 
 
 def _dome() -> Array:
-    """Return radius and height of a unit half ball, from equator to pole."""
+    """Return (radius, height) points (6, 2) of a unit hemisphere, equator to pole."""
     angle = np.linspace(0.0, 0.5 * np.pi, 6)
     return np.stack([np.cos(angle) * (angle < 0.5 * np.pi), np.sin(angle)], axis=1)
 
@@ -77,10 +77,10 @@ def _ball(halves: Array, reach: float) -> TriangleMesh:
 
 
 def _revolve(profiles: list[Array], size: float) -> TriangleMesh:
-    """Turn profiles about z; each is smooth, and edges are between them.
+    """Return the surface of profiles turned about z, with sharp edges between them.
 
-    They have radius and height of points (P, 2), the lowest first; `size` is the radius
-    over the reach of what there is to see.
+    A profile has (radius, height) points (P, 2), the lowest first; `size` is the radius
+    over that of the visible scene and sets the number of sides.
     """
     sides = 24 if size > 0.025 else 10
     turn = np.arange(sides) * (2.0 * np.pi / sides)
@@ -115,7 +115,7 @@ def _box(center: Array, half: Array) -> TriangleMesh:
 
 
 def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
-    """Return an array as a page reads it, as `f4`, or `i4` for whole numbers."""
+    """Return an array in base64 as plotly.js reads it, of type `f4` or `i4`."""
     numbers = np.ascontiguousarray(values, dtype=f"<{kind}")
     text = base64.b64encode(numbers.tobytes()).decode("ascii")
     return {"dtype": kind, "shape": list(numbers.shape), "bdata": text}
@@ -124,13 +124,13 @@ def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
 def web_scene(
     log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
 ) -> dict[str, Any]:
-    """Describe the visible objects and their motion at some samples (F,).
+    """Return the visible objects and their motion at F samples, as JSON.
 
-    `meshes`: triangles of one colour and body, -1 for what stands still; `poses` (F,
-    bodies, 12), rows of rotation and position of each moving body; `lines`: points (1
-    or F, P, 3), with the tension at their nodes (F, n) and the node, with fractions, at
-    each point if they are cables; `box` (3, 2) around everything [m]; `camera` in the
-    page's terms.
+    `meshes` are triangles of one colour and moving body (-1 if fixed). `poses` (F,
+    bodies, 12) are rows of rotation and position [m] of each moving body. `lines` are
+    points (1 or F, P, 3) [m]; cables add node tensions (F, n) [N] and the node index,
+    with fractions, at each point. `box` (3, 2) encloses everything [m]; `camera` is
+    plotly's.
     """
     qpos = log.rows("qpos", samples)
     moving = np.flatnonzero(model.body_weldid != 0)
@@ -166,7 +166,7 @@ def web_scene(
 
 
 def _poses(model: mujoco.MjModel, qpos: Array, moving: NDArray[np.intp]) -> Array:
-    """Return the rotation and position of bodies that move: (F, bodies, 3, 4)."""
+    """Return rotation and position [m] of moving bodies (F, bodies, 3, 4)."""
     position, quaternion = scene3d.body_poses(model, qpos)
     poses = np.empty((len(qpos), len(moving), 3, 4))
     poses[..., 3] = position[:, moving]
@@ -184,7 +184,7 @@ def _rotation(quaternion: Array) -> Array:
 def _meshes(
     model: mujoco.MjModel, moving: NDArray[np.intp], reach: float
 ) -> list[tuple[int, Array, TriangleMesh]]:
-    """Return triangles by row of the moving body (or -1) and colour."""
+    """Return (row of the moving body or -1, colour (4,), triangles) per colour."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rows = {int(body): row for row, body in enumerate(moving)}
@@ -206,7 +206,7 @@ def _meshes(
 
 
 def _corners(model: mujoco.MjModel, body: int) -> Array:
-    """Return the corners of boxes around the geoms of a body, in its frame (n, 3)."""
+    """Return corners (n, 3) [m] of boxes around a body's geoms, in the body's frame."""
     signs = np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0
     corners = [np.zeros((1, 3))]
     for geom, _ in scene3d.visible_geoms(model):
@@ -258,15 +258,15 @@ def _hex(rgba: Array) -> str:
 
 
 def _without_repeats(points: Array) -> Array:
-    """Return the points of one frame alone where they are the same in all."""
+    """Return points (F, P, 3), or the first frame (1, P, 3) if all are equal."""
     still = np.abs(points - points[0]).max() < 1e-6
     return points[:1] if still else points
 
 
 def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
-    """Look as the scene's camera does, from where all of `seen` is in the picture.
+    """Return plotly's camera: the model's direction, from where all of `seen` shows.
 
-    The page puts the middle of the box at 0 and divides by the geometric mean of its
+    Plotly puts the middle of the box at 0 and divides by the geometric mean of its
     sides.
     """
     position, target = scene3d.viewpoint(model)

@@ -97,6 +97,28 @@ def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) ->
 
 
 @internal
+def _run(
+    front: _Front, near: int, stop: int, chain: CoulombChain, hold: FloatArray, way: int
+) -> int:
+    """Carry a front that goes on the same way; return the node where friction holds it.
+
+    It does not reach the node `stop`. `hold` is H against the motion.
+    """
+    step = 1 if stop > near else -1
+    for _ in range(abs(stop - near) - 1):
+        far = near + step
+        s = min(near, far)
+        low, high = max(front.e[near] / front.c[near], 0.0), chain.tension[far]
+        if way < 0:
+            low, high = max(high, 0.0), low
+        if not high > (hold[s] * low + chain.drag[s]) * (1.0 + LIMIT_TOLERANCE):
+            break
+        _carry(front, near, far, chain, way)
+        near = far
+    return near
+
+
+@internal
 def _null_slip(
     left: _Front, right: _Front, chain: CoulombChain, s: int, slip_direction: float
 ) -> float:
@@ -231,12 +253,18 @@ def march(
             proximal_direction = slip_direction
             i += 1
             _carry(left, s, i, chain, slip_direction)
+            if i + 1 < j:
+                hold = hold_distal if slip_direction > 0 else hold_proximal
+                i = _run(left, i, j, chain, hold, slip_direction)
         else:
             if distal_direction == -slip_direction:
                 return False
             distal_direction = slip_direction
             _carry(right, j, s, chain, -slip_direction)
             j -= 1
+            if i + 1 < j:
+                hold = hold_distal if slip_direction > 0 else hold_proximal
+                j = _run(right, j, i, chain, hold, -slip_direction)
     if not settled:
         return False
 

@@ -11,24 +11,10 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._fronts import CoulombChain, overcome_direction
+from cc_mujoco.cable._fronts import CoulombChain, hold_against, overcome_direction
 from cc_mujoco.cable._layout import Step
 from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
-
-
-@internal
-def write_holds(prm: FloatArray, n: int, step: Step) -> tuple[FloatArray, FloatArray]:
-    """Write and return H of segments whose friction is constant, towards both ends."""
-    growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
-    slips = at.slips(step.state, n)
-    distal = at.row(step.work, n, at.HOLD_DISTAL)
-    proximal = at.row(step.work, n, at.HOLD_PROXIMAL)
-    for j in range(n):
-        # A segment that goes on slipping the same way has already broken away.
-        distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
-        proximal[j] = growth[j] if slips[j] < 0.0 else hold[j]
-    return distal, proximal
 
 
 @internal
@@ -38,7 +24,12 @@ def write_coefficients(
     """Write the coefficients of every segment for this step, see `_friction.py`."""
     state, work, dt = step.state, step.work, step.dt
     if prm[at.CONSTANT_COULOMB] != 0.0:
-        write_holds(prm, n, step)
+        held, slipped = at.constant_hold(prm, n), at.slips(state, n)
+        for j in range(n):
+            # A segment that goes on slipping the same way has already broken away.
+            own, way = at.constant_growth(prm, n)[j], slipped[j]
+            at.row(work, n, at.HOLD_DISTAL)[j] = own if way > 0.0 else held[j]
+            at.row(work, n, at.HOLD_PROXIMAL)[j] = own if way < 0.0 else held[j]
         at.row(work, n, at.GROWTH)[:] = at.constant_growth(prm, n)
         at.row(work, n, at.GROWTH_PROXIMAL)[:] = at.constant_growth(prm, n)
         at.row(work, n, at.DRAG)[:] = at.constant_drag(prm, n)
@@ -112,8 +103,8 @@ def friction_holds(n: int, chain: CoulombChain) -> bool:
     tension = chain.tension
     for j in range(n):
         way = overcome_direction(
-            max(tension[j], 0.0), max(tension[j + 1], 0.0), chain.hold_distal[j],
-            chain.hold_proximal[j], chain.drag[j],
+            max(tension[j], 0.0), max(tension[j + 1], 0.0), hold_against(chain, j, 1),
+            hold_against(chain, j, -1), chain.drag[j],
         )  # fmt: skip
         if way != 0:
             return False
@@ -218,7 +209,9 @@ def commit(
         # The cable slips as its path lengthens, so friction was that of before.
         tension = at.tensions(state, n)
     # At mean tensions, so that work of the ends is what is stored more, and heat.
-    low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
+    low = 0.5 * (tension[0] + node[0])
+    if is_curved or not (tension[0] >= 0.0 and node[0] >= 0.0):
+        low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
     is_plain = not (is_curved or lengthens or has_bristles)
     for j in range(n if is_plain else 0):  # the usual case, in few instructions
         high = 0.5 * (tension[j + 1] + node[j + 1])

@@ -55,9 +55,19 @@ class CoulombChain(NamedTuple):
     compliance: FloatArray  # of the nodes [m/N]
     half: FloatArray  # compliance of half of each segment [m/N]
     growth: FloatArray  # E of the segments, see `_friction.py`
-    hold_distal: FloatArray  # H of the segments against motion that way
-    hold_proximal: FloatArray
+    hold: FloatArray  # H of segments that do not go on slipping the same way
+    slips: FloatArray  # of the segments since they last stuck or turned [m]
     drag: FloatArray  # B of the segments [N]
+
+
+@internal
+def hold_against(chain: CoulombChain, s: int, way: int) -> float:
+    """Return H of a segment against motion towards distal (+1) or proximal (-1).
+
+    A segment that goes on slipping the same way has already broken away.
+    """
+    going_on = chain.slips[s] * float(way) > 0.0
+    return chain.growth[s] if going_on else chain.hold[s]
 
 
 class _Front(NamedTuple):
@@ -98,20 +108,22 @@ def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) ->
 
 @internal
 def _run(
-    front: _Front, near: int, stop: int, chain: CoulombChain, hold: FloatArray, way: int
+    front: _Front, near: int, stop: int, chain: CoulombChain, direction: int
 ) -> int:
-    """Carry a front that goes on the same way; return the node where friction holds it.
+    """Carry a front on in a direction of slip; return the node where friction holds it.
 
-    It does not reach the node `stop`. `hold` is H against the motion.
+    It does not reach the node `stop`.
     """
     step = 1 if stop > near else -1
+    way = step * direction
     for _ in range(abs(stop - near) - 1):
         far = near + step
         s = min(near, far)
         low, high = max(front.e[near] / front.c[near], 0.0), chain.tension[far]
         if way < 0:
             low, high = max(high, 0.0), low
-        if not high > (hold[s] * low + chain.drag[s]) * (1.0 + LIMIT_TOLERANCE):
+        hold = hold_against(chain, s, direction)
+        if not high > (hold * low + chain.drag[s]) * (1.0 + LIMIT_TOLERANCE):
             break
         _carry(front, near, far, chain, way)
         near = far
@@ -192,7 +204,6 @@ def march(
     m = n + 1
     tension, compliance = chain.tension, chain.compliance
     growth, drag = chain.growth, chain.drag
-    hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     left = _front(work[: 4 * m], m)  # of the proximal end
     right = _front(work[4 * m : 8 * m], m)
     left.c[0], left.e[0] = compliance[0], compliance[0] * tension[0] - proximal
@@ -229,8 +240,8 @@ def march(
         last = i + 1 == j
         ahead = right.e[j] / right.c[j] if last else tension[i + 1]
         slip_direction = overcome_direction(
-            max(left.e[i] / left.c[i], 0.0), max(ahead, 0.0), hold_distal[i],
-            hold_proximal[i], drag[i],
+            max(left.e[i] / left.c[i], 0.0), max(ahead, 0.0), hold_against(chain, i, 1),
+            hold_against(chain, i, -1), drag[i],
         )  # fmt: skip
         from_proximal = slip_direction != 0
         if last and slip_direction != 0 and proximal_direction != slip_direction:
@@ -242,7 +253,7 @@ def march(
                 s = j - 1
                 slip_direction = overcome_direction(
                     max(tension[s], 0.0), max(right.e[j] / right.c[j], 0.0),
-                    hold_distal[s], hold_proximal[s], drag[s],
+                    hold_against(chain, s, 1), hold_against(chain, s, -1), drag[s],
                 )  # fmt: skip
             if slip_direction == 0:
                 settled = True
@@ -254,8 +265,7 @@ def march(
             i += 1
             _carry(left, s, i, chain, slip_direction)
             if i + 1 < j:
-                hold = hold_distal if slip_direction > 0 else hold_proximal
-                i = _run(left, i, j, chain, hold, slip_direction)
+                i = _run(left, i, j, chain, slip_direction)
         else:
             if distal_direction == -slip_direction:
                 return False
@@ -263,8 +273,7 @@ def march(
             _carry(right, j, s, chain, -slip_direction)
             j -= 1
             if i + 1 < j:
-                hold = hold_distal if slip_direction > 0 else hold_proximal
-                j = _run(right, j, i, chain, hold, -slip_direction)
+                j = _run(right, j, i, chain, slip_direction)
     if not settled:
         return False
 

@@ -36,7 +36,6 @@ from cc_mujoco.cable._coefficients import (
     friction_holds,
     update_viscosity,
     write_coefficients,
-    write_holds,
 )
 from cc_mujoco.cable._coefficients import written_size as written_size
 from cc_mujoco.cable._friction import PLACE
@@ -195,8 +194,6 @@ def begin_step(
     if is_constant_coulomb and still and not changes:
         _stick_all(n, new_state)
         return OK
-    growth = at.constant_growth(prm, n)
-    hold_distal, hold_proximal = growth, growth
     tension = at.tensions(state, n)
     if before.loses_stretch(prm) or before.seats_anew(prm):
         tension, lost = before.begin_losses(n, step)
@@ -218,11 +215,10 @@ def begin_step(
             prm, n, step, tension, yield_proximal, yield_distal
         )
     quick = is_constant_coulomb and by_position
-    if quick and prm[PLACE.static_friction] > 0.0:
-        hold_distal, hold_proximal = write_holds(prm, n, step)
     chain = CoulombChain(
-        tension, at.node_compliance(prm, n), at.half_compliance(prm, n), growth,
-        hold_distal, hold_proximal, at.constant_drag(prm, n),
+        tension, at.node_compliance(prm, n), at.half_compliance(prm, n),
+        at.constant_growth(prm, n), at.constant_hold(prm, n), at.slips(state, n),
+        at.constant_drag(prm, n),
     )  # fmt: skip
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.

@@ -44,7 +44,7 @@ def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -
     tension, growth, drag = chain.tension, chain.growth, chain.drag
     compliance, half = at.node_row(work, n, _LINE_ROW), at.node_row(work, n, _HALF_ROW)
     line = CoulombChain(
-        tension, compliance, half, growth, chain.hold_distal, chain.hold_proximal, drag
+        tension, compliance, half, growth, chain.hold, chain.slips, drag
     )
     for i in range(n + 1):
         compliance[i] = elastic.compliance_at(nodes.node_piece(prm, n, i), tension[i])

@@ -27,7 +27,8 @@ def chain(rng, n, drag):
 def by_march(n, tension, stiffness, growth, drag, proximal, distal):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
     half = np.full(n, 1.0 / stiffness[0])
-    given = CoulombChain(tension, 1.0 / stiffness, half, growth, growth, growth, drag)
+    still = np.zeros(n)
+    given = CoulombChain(tension, 1.0 / stiffness, half, growth, growth, still, drag)
     ok = march(n, given, proximal, distal, shift, node, work)
     return ok, shift, node
 

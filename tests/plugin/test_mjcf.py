@@ -65,9 +65,9 @@ def any_cable(draw: st.DrawFn) -> Cable:
     values["ovality"] *= 0.09
     if values["pretension"] == 0.0:
         values["tension_exponent"] = 0.0
-    for end in "end", "proximal":
-        if values[f"{end}_compliance"] == 0.0:
-            values[f"{end}_hardening"] = values[f"{end}_loss"] = 0.0
+    for place in "end", "proximal":
+        if values[f"{place}_compliance"] == 0.0:
+            values[f"{place}_hardening"] = values[f"{place}_loss"] = 0.0
     return Cable(
         **values,
         segments=draw(st.integers(1, 60)),

@@ -1,4 +1,4 @@
-"""The physics of cables in conduits: parameters, friction, kernel, pulleys, replay."""
+"""Physics of cables in conduits: parameters, friction, kernel, pulleys, replay."""
 
 import lazy_loader
 

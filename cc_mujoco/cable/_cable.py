@@ -104,11 +104,11 @@ class Guide(NamedTuple):
 class Cable:
     """One cable in its conduit, from the proximal (motor) to the distal (joint) end.
 
-    Scalar fields are in SI units; `PARAMETERS` describes them. `conduit` is the bend of
-    the route as sections, `segments` the number N of friction elements along it,
+    Scalar fields are in SI units; `PARAMETERS` describes them. `conduit` is the route
+    as sections of constant bend, `segments` the number N of friction elements along it,
     `route` the name of the MuJoCo spatial tendon that draws it (empty: none). With
     `bend` `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its
-    length stays that of the sections, which also bend it wherever there is no MuJoCo.
+    length stays that of the sections, whose bends hold wherever there is no MuJoCo.
 
     `path` defines what guides the cable in MuJoCo, see `PATHS`, and `mouth` the site of
     its route at which the conduit of a `"mixed"` one ends. `guides` names sites of an
@@ -551,7 +551,7 @@ class Cable:
 
     @property
     def terms(self) -> dict[str, Term]:
-        """The terms that are on, by the parameter that switches them on."""
+        """Friction and elasticity terms that are on, by the parameter that is not 0."""
         found = {}
         for name, term in TERMS.items():
             if getattr(self, name) != 0.0:
@@ -561,7 +561,7 @@ class Cable:
         return found
 
     def require_terms(self, holds: Callable[[Term], bool], why: str) -> None:
-        """Refuse the cable where a law does not hold for it.
+        """Require that a law holds for all terms of the cable that are on.
 
         Args:
             holds: whether the law holds for a term.
@@ -646,11 +646,11 @@ class Cable:
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
     def with_friction(self, friction: float) -> Cable:
-        """Return a copy with another kinetic friction and the same ratio to break-away.
+        """Return a copy with another kinetic friction and the same static ratio.
 
         Args:
-            friction: coefficient [-]; where it was 0 there is no break-away friction
-                to keep the proportion of, and none is left.
+            friction: coefficient [-]. If the present one is 0, there is no ratio of
+                break-away friction to keep, and the copy has none.
 
         Raises:
             CableError: a coefficient is out of its range.
@@ -682,7 +682,7 @@ _TEXTS = ("route", "bend", "path", "mouth", "ends")
 
 
 def _parse_decimal(text: str) -> float | None:
-    """Return the number in a decimal text, None for `inf` and texts like `1_0`."""
+    """Return the number in a decimal text; None for `inf` and texts like `1_0`."""
     if "_" in text or not any(c.isdigit() for c in text):
         return None
     try:
@@ -716,7 +716,7 @@ def _parse_guides(text: str) -> tuple[Guide, ...] | None:
 
 
 def _valid_guides(given: Any, path: str) -> tuple[Guide, ...]:
-    """Return the guides of a cable, in the types that they are stored with."""
+    """Return the guides of a cable as `Guide`s, checked; `path` is its kind of path."""
     guides = []
     try:
         pairs = given.items() if isinstance(given, Mapping) else given

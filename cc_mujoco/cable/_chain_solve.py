@@ -1,13 +1,13 @@
 """Solution of the chain of springs and friction elements for known slip directions.
 
-Same chain as in `_fronts.py`. Each segment is then one linear relation between the
+The chain is that of `_fronts.py`. Each segment is then one linear relation between the
 tensions at its ends and its displacement w,
 
     T_distal = gain T_proximal + offset + own w,
 
-`own` infinite where it stays at rest, so that the step is one pass along the cable that
-eliminates and one back that substitutes, as for any tridiagonal system. Eliminated is
-by compliances in series, all of one sign, so nothing cancels; substituted is by the
+with `own` infinite where it rests. As for any tridiagonal system, the step is one pass
+along the cable that eliminates and one back that substitutes. Elimination adds
+compliances in series, all of one sign, so nothing cancels. Substitution is by the
 displacements, so an error does not grow from segment to segment however stiff drag is.
 """
 
@@ -39,7 +39,7 @@ class Chain(NamedTuple):
 
 
 class ChainMotion(NamedTuple):
-    """Motion of a chain in a step: a guess, or the solution."""
+    """Motion of a chain in a step: an initial guess, or the solution."""
 
     direction: FloatArray  # way in which each segment slips, 0 where it rests (n,)
     slack: FloatArray  # not 0 where a node is slack (n + 1,)
@@ -49,9 +49,9 @@ class ChainMotion(NamedTuple):
 
 @internal
 def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float, float]:
-    """Return `gain`, `offset` and `own` of segment s where it slips.
+    """Return `gain`, `offset` and `own` of segment s if it slips in this direction.
 
-    With them T_distal = gain T_proximal + offset + own w at the slip speed w.
+    They give T_distal = gain T_proximal + offset + own w at the displacement w.
     """
     drag, viscosity = chain.drag[s], chain.viscosity[s]
     if slip_direction > 0.0:
@@ -64,10 +64,10 @@ def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float,
 def solve(
     n: int, chain: Chain, lines: FloatArray, motion: ChainMotion, work: FloatArray
 ) -> None:
-    """Compute displacements and tensions of a step with known slack nodes.
+    """Solve a step for displacements and tensions, with known slip and slack nodes.
 
-    Friction of the segments is in `lines` (3 n,): a ratio of tensions, an offset [N],
-    and an own stiffness against displacement [N/m], inf at rest. `work` holds (2 n,).
+    `lines` (3 n,) are gain, offset [N] and own stiffness [N/m] of the segments, inf at
+    rest, see the module. `work` holds (2 n,).
     """
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n : 3 * n]
     slack, shift, node = motion.slack, motion.shift, motion.node
@@ -117,11 +117,12 @@ def lay_evenly(
     distal_bound: bool,
     shift: FloatArray,
 ) -> None:
-    """Lay slack cable evenly: without tension no friction keeps it where it is.
+    """Distribute slack cable evenly, as without tension no friction acts on it.
 
     Nodes `first` to `last` have no tension, and the segments between them no drag.
-    `proximal` and `distal` is what moved before and behind them in this step [m]. Where
-    one of them is not bound, as an end without tension, the cable lies unstrained.
+    `proximal` and `distal` are the displacements before and behind them in this step
+    [m]. If one of them is not bound, as at an end without tension, the cable is
+    unstrained.
     """
     rest, compliance = 0.0, 0.0
     for i in range(first, last + 1):
@@ -137,9 +138,9 @@ def lay_evenly(
 
 @internal
 def lay_slack(n: int, chain: Chain, free: FloatArray, motion: ChainMotion) -> None:
-    """Lay all slack cable evenly that nothing holds.
+    """Distribute evenly all slack cable that no friction holds.
 
-    `free` is not 0 where a segment has no friction without tension (n,).
+    `free` (n,) is not 0 where a segment has no friction without tension.
     """
     tension, slack, shift = chain.tension, motion.slack, motion.shift
     first = 0
@@ -179,7 +180,7 @@ def break_away(
     growth_distal: FloatArray,
     growth_proximal: FloatArray,
 ) -> bool:
-    """Let a segment that slips this way follow the kinetic law; return if it is new."""
+    """Set the kinetic law for a segment that slips `way`; return whether it changes."""
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     if way > 0.0 and hold_distal[s] != growth_distal[s]:
         hold_distal[s] = growth_distal[s]

@@ -1,6 +1,7 @@
 """Friction of every segment in a step, and the state after it, compiled.
 
-The laws are those of `_friction.py`. What they give are rows of scratch, `_layout.py`.
+The laws are those of `_friction.py`; their coefficients are rows of the scratch memory
+that `_layout.py` describes.
 """
 
 from __future__ import annotations
@@ -113,12 +114,12 @@ def friction_holds(n: int, chain: CoulombChain) -> bool:
 
 @internal
 def update_viscosity(prm: FloatArray, n: int, step: Step, node: FloatArray) -> bool:
-    """Take the viscosity of grease at other slip speeds; return if they were right.
+    """Update the viscosity of grease to the slip speeds; return whether it was right.
 
-    Implicit in the slip of the step, so grease takes energy whatever dt, and after any
-    round. The error is of first order in dt, as that of viscous friction (0.06 % RMS at
-    1 ms where the ends turn at once); rounds stop where all segments together are off
-    the law by 1e-5 of the largest tension.
+    It is implicit in the slip of the step, so grease takes energy whatever dt, and
+    after any round. The error is of first order in dt, as that of viscous friction
+    (0.06 % RMS at 1 ms where the ends turn at once). Rounds stop where the errors of
+    all segments together are below 1e-5 of the largest tension.
     """
     values = at.scalars(prm)
     shift, guess = at.row(step.work, n, at.SHIFT), at.row(step.work, n, at.SPEED)
@@ -141,7 +142,7 @@ POSITION, TENSION = 0, 1
 
 @internal
 def written_size(prm: FloatArray, n: int) -> int:
-    """Return how many of the first numbers of a state the steps of a cable use."""
+    """Return the number of leading entries of a state that steps of a cable use."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
     if prm[PLACE.clearance] > 0.0:
@@ -159,7 +160,7 @@ def commit(
     prm: FloatArray, n: int, tension: FloatArray, proximal_kind: int, distal_kind: int,
     step: Step,
 ) -> None:  # fmt: skip
-    """Write ends, slack, slip memory and dissipated energy of the step."""
+    """Write ends, tensions, slip memory and dissipated energy after the step."""
     state, new_state, work = step.state, step.new_state, step.work
     stiffness = at.node_stiffness(prm, n)
     shift = at.row(work, n, at.SHIFT)
@@ -247,7 +248,7 @@ def commit(
 
 @internal
 def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> None:
-    """Write what the segments remember of their slip: distance, speed and age."""
+    """Write the segments' memory of slip: distance, speed and age of contacts."""
     state, new_state, dt, values = step.state, step.new_state, step.dt, at.scalars(prm)
     remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)

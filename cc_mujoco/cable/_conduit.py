@@ -46,9 +46,9 @@ def packed_parameters(cable: Cable) -> FloatArray:
 
 
 def node_places(cable: Cable) -> FloatArray:
-    """Return the places of a cable's nodes from the proximal end (segments + 1,) [m].
+    """Return the places of the nodes from the proximal end (segments + 1,) [m].
 
-    Denser where the conduit bends more, see `_mesh.py`.
+    They are denser where the conduit bends more, see `_mesh.py`.
     """
     places = np.empty(cable.segments + 1)
     lay_segments(np.array(cable.conduit, dtype=np.float64), cable.segments, places)
@@ -61,7 +61,7 @@ def node_lengths(cable: Cable) -> FloatArray:
 
 
 def end_stiffness(cable: Cable) -> tuple[float, float]:
-    """Return the stiffness of both ends if only the outermost segment moves [N/m]."""
+    """Return the stiffness [N/m] of each end if only its outermost node stretches."""
     proximal, *_, distal = node_lengths(cable).tolist()
     return cable.axial_stiffness / proximal, cable.axial_stiffness / distal
 
@@ -141,17 +141,17 @@ class Conduit:
 
     @exclusive
     def rebend(self, conduit: Sequence[Section]) -> None:
-        """Lay the conduit in another path of the same length, at once.
+        """Give the conduit another path of the same length, at once.
 
-        The cable stays where it is until the next step, and so do its nodes. There it
-        slips wherever friction no longer holds it, even inside, and even if both ends
-        stand still.
+        The cable and its nodes keep their places along it until the next step. In that
+        step the cable slips wherever friction no longer holds it, even inside, and even
+        if both ends stand still.
 
         Args:
             conduit: sections of the new path, proximal to distal.
 
         Raises:
-            CableError: a section that is none, or another total length.
+            CableError: not sections, or another total length.
         """
         bent = self.cable.replace(conduit=tuple(conduit))
         if not math.isclose(bent.length, self.cable.length, rel_tol=1e-9):
@@ -400,7 +400,7 @@ def _play(
 def require_no_overflow(
     results: FloatMatrix, proximal: FloatArray, distal: FloatArray
 ) -> None:
-    """Refuse a replay whose results (rows, samples) are no longer finite."""
+    """Require that the results of a replay (rows, samples) are finite."""
     overflows = ~np.isfinite(results).all(axis=0)
     if overflows.any():
         row = int(np.argmax(overflows))
@@ -413,7 +413,7 @@ def require_no_overflow(
 def _prescribed(
     end: str, u: ArrayLike | None, tension: ArrayLike | None
 ) -> tuple[int, FloatArray]:
-    """Return the quantity prescribed at an end, POSITION or TENSION, and its values."""
+    """Return POSITION or TENSION, as prescribed at an end, and the values."""
     if u is not None and tension is None:
         return kernel.POSITION, numbers(f"u_{end}", u, high=MAX_TRAVEL, unit="m")
     if tension is not None and u is None:

@@ -3,11 +3,12 @@
     drive = CoupledCables((cable,), (course,), motor_radius=0.008)
     drive.replay(dt, motor_angle=motor, joint_angle=joint).joint_torque
 
-What the path does is a table over the angle of the joint; the cable is that of the
-kernel. What a piece gains in length enters the cable there, and by virtual work the
-joint feels every tension with the gain of its piece per angle. Angles are positive
-where the first cable pulls, and positive motor rotation winds that cable. Of a path
-that other joints move, too, the table is over the rows of a recording, and has slopes.
+A `CoupledPath` tabulates the path over the angle of the joint; the cable is that of the
+kernel. The length that a piece gains enters the cable there, and by virtual work each
+tension acts on the joint with the gain of its piece per angle. Angles are positive
+where the first cable pulls, and positive motor rotation winds that cable. If other
+joints move the path, too, the table is over the samples of a recording, and includes
+the slopes.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class CoupledPath:
 
     @property
     def open(self) -> bool:
-        """Return whether pieces of the cable lie outside a conduit."""
+        """True if pieces of the cable lie outside a conduit."""
         return self.length.size > 0
 
     @property
@@ -67,7 +68,7 @@ class CoupledPath:
 
     @property
     def slope(self) -> FloatArray:
-        """Change of `reach` per angle of the joint, where it is known [m/rad]."""
+        """Change of `reach` per angle of the joint (angles,) [m/rad]."""
         assert self.gain is not None and self.arm is not None
         found: FloatArray = self.gain.sum(axis=1) + self.arm
         return found
@@ -87,9 +88,9 @@ class CoupledCables:
     def replay(
         self, dt: float, *, motor_angle: ArrayLike, joint_angle: ArrayLike
     ) -> Driven:
-        """Play both angles [rad] by `dt` [s], from rest in pretension.
+        """Replay both angles (samples,) [rad], every `dt` [s], from rest in pretension.
 
-        Beyond the angles of the courses the path stays as it is at their end.
+        Beyond the tabulated angles the path stays as it is at the last one.
         """
         motor, joint = (
             np.ascontiguousarray(angle, dtype=np.float64)
@@ -165,7 +166,7 @@ def _pack_on_path(cable: Cable, course: CoupledPath) -> FloatArray:
 
 
 class _Tables(NamedTuple):
-    """A course and its slopes, over angles from `first` in steps of `step`."""
+    """Path of a cable and its slopes, over angles from `first` in steps of `step`."""
 
     first: float
     step: float
@@ -193,9 +194,9 @@ def _between_rows(table: FloatArray, row: int, share: float) -> float:
 
 @internal
 def _table_position(tables: _Tables, joint: float) -> tuple[int, float]:
-    """Return the table row at or before an angle, and the fraction to the next.
+    """Return the table row at or before an angle, and the fraction to the next row.
 
-    Of an angle that is no number, the fraction is none.
+    The fraction is NaN if the angle is.
     """
     at = (joint - tables.first) / tables.step
     if math.isnan(at):
@@ -217,10 +218,10 @@ def _play(
     nodes: FloatMatrix,
     out: FloatMatrix,
 ) -> None:
-    """Compute tensions [N], torques of joint and motor [N m] and friction heat [J].
+    """Compute `out`: tensions [N], torques of joint and motor [N m], friction heat [J].
 
-    All (samples,), in this order; torques as the cable's tensions make them. Scratch
-    are `states` of two steps and `nodes` (8, n + 1), both 0 before, and `work`.
+    They are rows (samples,) in this order. Scratch are `states` of two steps and
+    `nodes` (8, n + 1), both 0 before, and `work`.
     """
     n, prm = cables.n[0], cables.prm[0]
     state, new = states[0], states[1]

@@ -44,10 +44,10 @@ _NO_FLOW = 1e-30
 def passing_ratio(
     prm: FloatArray, n: int, state: FloatArray, end: int, paid: float
 ) -> float:
-    """Return the stretched by the unstretched length of rope as it passes a drum.
+    """Return stretched over unstretched length of the rope that passes a drum.
 
-    `paid` is the length of surface that the drum at that end (0, 1) pays out [m],
-    negative where it takes in.
+    `paid` is the length of surface that the drum at that end (0, 1) pays out [m]; it is
+    negative if the drum takes rope in.
     """
     if not paid > _NO_FLOW:
         i = n * end
@@ -75,8 +75,8 @@ def turn(
 ) -> float:
     """Turn the drum at an end (0, 1) of the new state; return the slip heat [J].
 
-    It `paid` out that length of surface in the step [m], with rope of `ratio`, see
-    `passing_ratio`. `new_state` has the tensions after the step.
+    In the step it `paid` out that length of surface [m], with rope of this stretch
+    `ratio`, see `passing_ratio`. `new_state` has the tensions after the step.
     """
     if abs(paid) <= _NO_FLOW:
         return 0.0
@@ -98,7 +98,7 @@ def turn(
 
 @internal
 def _top_layer(drum: FloatArray) -> int:
-    """Return the place of the last layer, below `_BOTTOM` where there is none."""
+    """Return the index of the outermost layer, below `_BOTTOM` if there is none."""
     k = _TOP
     while k >= _BOTTOM and drum[k] <= 0.0:
         k -= 2
@@ -109,9 +109,10 @@ def _top_layer(drum: FloatArray) -> int:
 def _mixing_heat(
     prm: FloatArray, length: float, unstretched: float, other: float, also: float
 ) -> float:
-    """Return the energy that two layers lose where they become one [J].
+    """Return the energy that two layers lose when they become one [J].
 
-    `other` and `also` are the stretched and the unstretched length of the second [m].
+    `length` and `other` are their stretched, `unstretched` and `also` their unstretched
+    lengths [m].
     """
     both = unstretched + also
     energy = unstretched * moving_path.strain_energy(prm, length / unstretched)
@@ -123,7 +124,7 @@ def _mixing_heat(
 def _take_in(
     prm: FloatArray, drum: FloatArray, length: float, unstretched: float
 ) -> float:
-    """Put a layer onto a drum; return the heat of mixing [J]."""
+    """Put a layer of rope onto a drum; return the heat of merging layers [J]."""
     k = _top_layer(drum)
     if k < _TOP:
         drum[k + 2], drum[k + 3] = length, unstretched
@@ -149,7 +150,7 @@ def _take_in(
 
 @internal
 def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> float:
-    """Take rope off a drum to a piece of some tension [N]; return the heat [J]."""
+    """Pay out rope to a piece of cable at this tension [N]; return the heat [J]."""
     left, heat = paid, 0.0
     for i in range(at.DRUM_LAYERS):
         k = _TOP - 2 * i
@@ -175,7 +176,7 @@ def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> 
 
 @internal
 def _slip_heat(prm: FloatArray, own: float, tension: float) -> float:
-    """Return the heat by unstretched length of rope that leaves a drum [N].
+    """Return the heat per unstretched length of rope that leaves a drum [N].
 
     `own` is its stretch ratio on the drum, `tension` that of the piece ahead [N].
     """
@@ -186,7 +187,7 @@ def _slip_heat(prm: FloatArray, own: float, tension: float) -> float:
 
 @internal
 def wound_energy(prm: FloatArray, n: int, state: FloatArray, end: int) -> float:
-    """Return the elastic energy of the rope on a drum, 0 as mounted [J]."""
+    """Return the elastic energy of the rope on a drum, less that as mounted [J]."""
     drum, mounted = at.drum(state, n, end), prm[PLACE.pretension]
     ratio = moving_path.stretch_ratio(prm, mounted)
     total = -float(drum[_MOUNTED]) * moving_path.strain_energy(prm, ratio)

@@ -1,12 +1,12 @@
-"""A proximal pulley whose axis is off its centre, or which is not round.
+"""Proximal pulley whose axis is off its centre, or which is not round.
 
 At pulley angle q the cable leaves it at radius r0 + e cos(q - p) + o cos(2 q - s), so
 that it has wound up
 
     r0 q + e (sin(q - p) + sin(p)) + o/2 (sin(2 q - s) + sin(s)).
 
-Both functions are of the signed gear, whose magnitude is r0, and of the length gear q
-that a round pulley winds up [m].
+Both functions take the signed `gear`, whose magnitude is r0 [m], and the `length` gear
+q that a round pulley winds up [m].
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def is_round(prm: FloatArray) -> bool:
 
 @internal
 def wound_length(prm: FloatArray, length: float, gear: float) -> float:
-    """Return the length wound up where a round pulley would wind up `length` [m]."""
+    """Return the length [m] wound up where a round pulley winds up `length` [m]."""
     if is_round(prm):
         return length
     q, ovality = length / gear, prm[PLACE.ovality]
@@ -38,7 +38,7 @@ def wound_length(prm: FloatArray, length: float, gear: float) -> float:
 
 @internal
 def lever_ratio(prm: FloatArray, length: float, gear: float) -> float:
-    """Return the lever arm of a tension over the mean radius."""
+    """Return the lever arm of the tension over the mean radius [-]."""
     if is_round(prm):
         return 1.0
     q = length / gear

@@ -1,26 +1,26 @@
 """Tension and stretch of a piece of cable: linear, softer until it is taut, or soft.
 
-What the strands give until they lie close, and what the cable gives in a bend that is
-wider than it, add to the stretch of what is taut,
+Strands that settle until they touch (bedding), and clearance in bends of a wider
+conduit, add to the stretch of the taut cable,
 
     stretch(T) = l T / EA + l e T / (T + T_b) + c theta T / (T + T_c).
 
-EA is the stiffness of the taut cable, e the strain by which a new rope is longer for it
-(constructional stretch), and T_b the tension that takes half of it. Slack cable lies at
-the outer wall of a bend of angle theta, taut cable at the inner one, a path that is
-shorter by the clearance c times theta; T_c takes half of it. A slack cable, of negative
-tension, goes on as it is at 0. Tension follows from stretch alone, so no path of motion
-leaves anything behind.
+EA is the stiffness of the taut cable, e the strain by which bedding makes a new rope
+longer (constructional stretch), and T_b the tension that takes half of it. Slack cable
+lies at the outer wall of a bend of angle theta, taut cable at the inner one, a path
+that is shorter by the clearance c times theta; T_c takes half of it. A slack cable, of
+negative tension, has the compliance that it has at 0. Tension is a function of stretch
+alone, so there is no hysteresis.
 
 Textile and skin that hold the end of a cable are a spring of compliance C that hardens
-by h, X(T) = C ln(1 + h T) / h, with a bristle in parallel,
+by h, X(T) = C ln(1 + h T) / h, with an elastic friction element (bristle) in parallel,
 
     stretch(T) += X(T) / 3 + 2/3 X(T_held),    T <= T_held <= T / (1 - 3/2 loss).
 
-The tension T_held at which the bristle stands follows T no more than these limits ask
-for. Loading takes the left one, where the stretch is X(T), unloading the right one. So
-a cycle from 0 to any tension and back loses `loss` times the work that went in, and
-after a turn the spring is three times as stiff as before it.
+T_held, the tension to which the bristle is set, changes only as far as these limits
+require. Loading sets it to the lower limit, where the stretch is X(T), unloading to the
+upper one. So a cycle from 0 to any tension and back loses `loss` times the work of
+loading, and after a turn the spring is three times as stiff as before it.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _PROMPT = 1.0 / 3.0
 
 
 class Piece(NamedTuple):
-    """Elastic element: a linear stretch (`taut` T), two terms that saturate, a spring.
+    """Elastic element: a linear stretch (`taut` T), two that saturate, and a spring.
 
-    `taut` has the spring at its end in it where that is linear.
+    A linear spring at its end is included in `taut`.
     """
 
     taut: float  # compliance at large tensions [m/N]
@@ -56,7 +56,7 @@ class Piece(NamedTuple):
 def compliance_at(piece: Piece, tension: float) -> float:
     """Return the derivative of the stretch by the tension [m/N].
 
-    Where loading turns into unloading it is that of loading.
+    At the tension where loading turns into unloading it is that of loading.
     """
     pull = max(tension, 0.0)
     smooth = (
@@ -83,13 +83,13 @@ def spring_slope(piece: Piece, tension: float) -> float:
 
 @internal
 def returned_share(loss: float) -> float:
-    """Return the tension of unloading by that of loading, of a spring's loss."""
+    """Return unloading over loading tension, at one stretch, of a spring's loss."""
     return 1.0 - loss / (1.0 - _PROMPT)
 
 
 @internal
 def held_tension(piece: Piece, tension: float) -> float:
-    """Return T_held of the bristle of a spring after it came to a tension [N]."""
+    """Return T_held of the spring's bristle after a change to `tension` [N]."""
     pull = max(tension, 0.0)
     return min(max(piece.held, pull), pull / piece.returned)
 
@@ -101,7 +101,7 @@ def _hardened_slope(piece: Piece, pull: float) -> float:
 
 @internal
 def _hardened_between(piece: Piece, before: float, after: float) -> float:
-    """Return X(`after`) - X(`before`) of two tensions >= 0 [m]."""
+    """Return X(`after`) - X(`before`) for two tensions >= 0 [m], X as in the module."""
     more = (after - before) / (1.0 + piece.hardening * before)
     if piece.hardening == 0.0:
         return piece.spring * more
@@ -110,7 +110,7 @@ def _hardened_between(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def spring_between(piece: Piece, before: float, after: float) -> float:
-    """Stretch of the spring between two tensions [m]; where slack, as at 0."""
+    """Return the change of the spring's stretch from one tension to another [m]."""
     if piece.spring == 0.0:
         return 0.0
     start, end = max(before, 0.0), max(after, 0.0)
@@ -122,13 +122,13 @@ def spring_between(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def _slope(most: float, half: float, before: float, after: float) -> float:
-    """Return `most` T / (T + `half`) between two tensions by their difference [m/N]."""
+    """Return the secant of `most` T / (T + `half`) between two tensions [m/N]."""
     return most * half / ((before + half) * (after + half))
 
 
 @internal
 def compliance_between(piece: Piece, before: float, after: float) -> float:
-    """Stretch between two different tensions by their difference [m/N]."""
+    """Return the secant compliance between two different tensions [m/N]."""
     if before > 0.0 and after > 0.0:
         smooth = (
             piece.taut
@@ -153,7 +153,7 @@ def stretch_of(piece: Piece, tension: float) -> float:
 
 @internal
 def _slack_compliance(piece: Piece) -> float:
-    """Return the compliance of a slack piece, as the first newton finds it [m/N]."""
+    """Return the compliance of a slack piece, that at tension 0 [m/N]."""
     return (
         piece.taut
         + _slope(piece.bedding, piece.half, 0.0, 0.0)
@@ -166,9 +166,9 @@ def _slack_compliance(piece: Piece) -> float:
 def tension_of(piece: Piece, stretch: float) -> float:
     """Return the tension [N] at a stretch [m].
 
-    With one amount that ends it is the positive root of a parabola. With both, the
-    stretch is concave in the tension, so that Newton's steps rise to the root from what
-    one amount alone would leave.
+    With one saturating term, bedding or clearance, it is the positive root of a
+    parabola. With both, the stretch is concave in the tension, so that Newton's steps
+    rise to the root from a lower bound, the solution for one term.
     """
     if stretch <= 0.0:
         return stretch / _slack_compliance(piece)
@@ -193,7 +193,7 @@ def tension_of(piece: Piece, stretch: float) -> float:
 def _tension_with_spring(piece: Piece, stretch: float) -> float:
     """Return the tension [N] at a stretch > 0 [m] of a piece with a soft spring.
 
-    The stretch is concave between the tensions at which the bristle begins to slide:
+    Between the tensions at which the bristle begins to slide the stretch is concave, so
     Newton's steps rise to the root from the lower one.
     """
     sliding = piece.returned * piece.held
@@ -231,9 +231,9 @@ def _root(taut: float, most: float, half: float, stretch: float) -> float:
 
 @internal
 def energy_at(piece: Piece, tension: float) -> float:
-    """Return the elastic energy [J] at a tension [N]; none where slack.
+    """Return the elastic energy [J] at a tension [N]; 0 if slack.
 
-    Of a spring with a bristle it is what unloading gives back.
+    For a spring with a bristle it is the work that unloading returns.
     """
     if tension <= 0.0:
         return 0.0
@@ -260,9 +260,9 @@ def _hardened_energy(piece: Piece, tension: float) -> float:
 
 @internal
 def bristle_heat(piece: Piece, before: float, after: float) -> float:
-    """Return the heat of the bristle between two tensions [J].
+    """Return the heat of the bristle for a change between two tensions [J].
 
-    All of it is of loading, for what is stored is what unloading gives back.
+    All of it is counted in loading, as the stored energy is what unloading returns.
     """
     if piece.returned == 1.0:
         return 0.0

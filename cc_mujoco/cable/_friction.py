@@ -38,7 +38,7 @@ MIN_GREASE_SPEED = 1e-6
 
 
 def _term_indices(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
-    """Return the indices of the selected terms, each paired with `constant_without`."""
+    """Return the indices of parameter and `constant_without` of the selected terms."""
     return tuple(
         (INDEX[name], INDEX[term.constant_without or name])
         for name, term in TERMS.items()
@@ -69,7 +69,7 @@ def ratio(coefficient: float, angle: float) -> float:
 
 @internal
 def is_state_dependent(values: FloatArray) -> bool:
-    """Return whether load, time or place change the coefficients."""
+    """Return whether load, time or place change the friction coefficients."""
     for switch, other in _SCALING_TERMS:
         if values[switch] != 0.0 and values[other] != 0.0:
             return True
@@ -78,7 +78,7 @@ def is_state_dependent(values: FloatArray) -> bool:
 
 @internal
 def is_constant_coulomb(values: FloatArray) -> bool:
-    """Return whether all but elasticity is constant, along the cable as well."""
+    """Return whether friction is Coulomb's, the same at all times and places."""
     for switch, other in _VARYING_TERMS:
         if values[switch] != 0.0 and values[other] != 0.0:
             return False
@@ -87,7 +87,7 @@ def is_constant_coulomb(values: FloatArray) -> bool:
 
 @internal
 def _weighted_length(length: float, growth: float) -> float:
-    """Return a segment's length, weighted by the capstan growth ahead [m]."""
+    """Return a segment's length [m], weighted by the growth of tension along it."""
     exponent = math.log(growth)
     if exponent < 1e-9:
         return length
@@ -98,7 +98,7 @@ def _weighted_length(length: float, growth: float) -> float:
 def drag(
     values: FloatArray, length: float, growth: float, j: int, guided: int
 ) -> float:
-    """Return B of segment j, which rubs over `length` [m] and has E = `growth` [N].
+    """Return B [N] of segment j, which rubs over `length` [m] and has E = `growth`.
 
     The first `guided` segments are in a conduit, which may have a seal at either end.
     """
@@ -130,9 +130,9 @@ def grease_viscosity(values: FloatArray, speed: float) -> float:
 def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     """Return the next guess of the slip speed for the viscosity of grease [m/s].
 
-    Of an error in ln v a round leaves 1 - n where drag is all that resists, and nothing
-    where the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 + n) of it,
-    either way.
+    With exponent n, a fixed-point round leaves 1 - n of an error in ln v if drag alone
+    resists, and none if the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 +
+    n) in magnitude in both cases.
     """
     further = 2.0 / (1.0 + values[PLACE.grease_exponent])
     risen = guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further
@@ -143,7 +143,10 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
 def viscosity(
     values: FloatArray, length: float, growth: float, speed: float, dt: float
 ) -> float:
-    """Return C of a segment per displacement in one step of `dt` [N/m]."""
+    """Return C of a segment, per displacement in one step of `dt` [s] [N/m].
+
+    `length` [m] is that of the segment, `growth` its E, `speed` its slip speed [m/s].
+    """
     viscous: float = values[PLACE.viscous_friction] + grease_viscosity(values, speed)
     if viscous == 0.0:
         return 0.0
@@ -152,10 +155,10 @@ def viscosity(
 
 @internal
 def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
-    """Return the coefficient of a segment that slips.
+    """Return the friction coefficient of a segment that slips.
 
-    `slip` is the distance since it last stuck or turned [m], `speed` the remembered one
-    [m/s]; both >= 0.
+    `slip` is the distance since it last stuck or turned [m], `speed` the slip speed
+    that it remembers [m/s]; both >= 0.
     """
     coefficient: float = values[PLACE.friction]
     static, ending = values[PLACE.static_friction], values[PLACE.critical_slip_distance]
@@ -173,7 +176,7 @@ def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
 
 @compiled
 def holding_coefficient(values: FloatArray) -> float:
-    """Return the coefficient that a segment at rest can hold."""
+    """Return the largest friction coefficient of a segment at rest."""
     coefficient: float = max(values[PLACE.friction], values[PLACE.static_friction])
     if values[PLACE.stribeck_friction] > 0.0:
         coefficient += values[PLACE.stribeck_friction]
@@ -184,10 +187,9 @@ def holding_coefficient(values: FloatArray) -> float:
 def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
     """Return the slip speed for the Stribeck term of the next step [m/s].
 
-    For grease it is only where the search for the speed of that step begins.
-
-    The memory follows the slip speed over `critical_slip_distance` of slip, or at once
-    when that is 0; a segment that sticks forgets.
+    It follows the slip speed over `critical_slip_distance` of `slip` [m], or at once
+    when that is 0; a segment that sticks forgets. For grease it is only the first guess
+    of the next step's speed.
     """
     if slip == 0.0:
         return 0.0
@@ -202,7 +204,10 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
 def bristle_stiffness(
     values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
 ) -> float:
-    """Return the stiffness of the bristles of a segment of tension `mean` [N/m]."""
+    """Return the stiffness of a segment's bristles at its `mean` tension [N/m].
+
+    `coefficient` is that of friction, `angle` the wrap angle [rad], `drag` in [N].
+    """
     # Shorter bristles are Coulomb friction; those of a slack cable give no stiffness.
     length = max(values[PLACE.bristle_length], 1e-9)
     stiffness: float = (coefficient * angle * mean + drag) / length
@@ -211,10 +216,11 @@ def bristle_stiffness(
 
 @internal
 def bristle_force(force: float, stretch: float, stiffness: float) -> float:
-    """Return the force of bristles (`force` [N], `stretch` [m]) of a new `stiffness`.
+    """Return the force [N] of bristles after their stiffness changed to this [N/m].
 
-    Softer ones keep their stretch, stiffer ones their force, so that a stiffness which
-    follows the tension never adds energy.
+    `force` [N] and `stretch` [m] are those before. Softer bristles keep their stretch,
+    stiffer ones their force, so that a stiffness which follows the tension never adds
+    energy.
     """
     most = stiffness * abs(stretch)
     return min(max(force, -most), most)
@@ -222,14 +228,14 @@ def bristle_force(force: float, stretch: float, stiffness: float) -> float:
 
 @internal
 def drift_factor(values: FloatArray, time: float, heat: float) -> float:
-    """Return the factor on every coefficient by the time [s] and heat [J] so far."""
+    """Return the factor on friction after this time [s], at this conduit heat [J]."""
     drift = values[PLACE.friction_drift] * time + values[PLACE.friction_heating] * heat
     return float(max(1.0 + drift, 0.0))
 
 
 @internal
 def heat_after_step(values: FloatArray, heat: float, lost: float, dt: float) -> float:
-    """Return the heat in the conduit after a step with this friction loss [J]."""
+    """Return the heat in the conduit after a step that adds `lost` and cools [J]."""
     if values[PLACE.friction_heating] == 0.0:
         return 0.0
     return float((heat + lost) * math.exp(-dt / values[PLACE.cooling_time]))
@@ -241,7 +247,7 @@ def wrap_factor(
 ) -> float:
     """Return the factor on the wrap angle of the segment from `begin` to `end` [m].
 
-    The distal end is `travel` from its rest [m].
+    The distal end is displaced by `travel` [m], the conduit is `length` [m] long.
     """
     reach = length * values[PLACE.wrap_reach]
     inside, own = end - (length - reach), end - begin
@@ -252,7 +258,7 @@ def wrap_factor(
 
 @internal
 def load_factor(values: FloatArray, mean: float) -> float:
-    """Return the factor on the coefficient of a segment of tension `mean` [N]."""
+    """Return the factor on friction of a segment at its `mean` tension [N]."""
     exponent: float = values[PLACE.tension_exponent]
     if exponent == 0.0:
         return 1.0
@@ -262,10 +268,11 @@ def load_factor(values: FloatArray, mean: float) -> float:
 
 @internal
 def age_after_step(values: FloatArray, age: float, slip: float, dt: float) -> float:
-    """Return the age ln(1 + t/t_0) of the contacts after a step with this slip [m].
+    """Return the age ln(1 + t/t_0) of the contacts after a step of `slip` [m].
 
-    Contacts grow older and slip over `critical_slip_distance` renews them: dt' = 1 -
-    |v| t'/l, exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
+    Contacts grow older, and slip over `critical_slip_distance` renews them: with T the
+    age in seconds dT/dt = 1 - |v| T/l, solved for the mean speed of the step (Ruina, J.
+    Geophys. Res. 88, 1983).
     """
     scale = values[PLACE.ageing_time]
     if slip == 0.0:

@@ -36,10 +36,11 @@ def overcome_direction(
     hold_proximal: float,
     drag: float,
 ) -> int:
-    """Return the direction in which the end tensions overcome a resting segment, or 0.
+    """Return the direction in which a segment at rest breaks away, 0 if it holds.
 
-    `hold_distal`, `hold_proximal`: ratio held against motion towards distal (+1),
-    proximal (-1).
+    `proximal` and `distal` are its end tensions [N]. `hold_distal` and `hold_proximal`
+    are the tension ratios that it holds against motion towards distal (+1) and proximal
+    (-1).
     """
     if distal > (hold_distal * proximal + drag) * (1.0 + LIMIT_TOLERANCE):
         return 1
@@ -71,10 +72,10 @@ def hold_against(chain: CoulombChain, s: int, way: int) -> float:
 
 
 class _Front(NamedTuple):
-    """Relations of displacement and tension behind a front, from one end.
+    """Relations of displacement and tension at the nodes that a front has passed.
 
     They are w = c T - e behind the spring of a node, and w = a T - b at the far end of
-    a segment before the spring there; from the distal end of -w, mirrored.
+    a segment before that spring. From the distal end they are those of -w.
     """
 
     a: FloatArray
@@ -92,7 +93,7 @@ def _front(work: FloatArray, m: int) -> _Front:
 def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) -> None:
     """Carry a front from one node to the next, across a segment that slips.
 
-    `way` is above 0 where it slips inward.
+    `way` is positive if the segment slips away from the front's end.
     """
     s, c, e = min(near, far), front.c[near], front.e[near]
     growth, drag = chain.growth[s], chain.drag[s]
@@ -134,16 +135,15 @@ def _run(
 def _null_slip(
     left: _Front, right: _Front, chain: CoulombChain, s: int, slip_direction: float
 ) -> float:
-    """Return the slip of the centre of segment s, which has the null point.
+    """Return the slip of the centre of segment s, in which motion turns (null point).
 
     With the null point at fraction (1 - z)/2 of the segment, net friction is z times
     its limit and the centre slips by z times the lengthening, in this step, of the half
-    on whose side the null point lies. Both follow from the tensions at its ends,
-    T_proximal = p + q w and T_distal = distal_p - distal_q w. Rounding the null point
-    to the centre (z = 0) would cost first-order accuracy.
+    in which the null point lies. Both follow from the tensions at its ends, T_proximal
+    = p + q w and T_distal = distal_p - distal_q w. Rounding the null point to the
+    centre (z = 0) would cost first-order accuracy.
 
-    `slip_direction` is +1 where the ends are pulled apart, -1 where they are pushed
-    together.
+    `slip_direction` is +1 if the ends are pulled apart, -1 if they are pushed together.
     """
     p, q = left.e[s] / left.c[s], 1.0 / left.c[s]
     distal_p, distal_q = right.e[s + 1] / right.c[s + 1], 1.0 / right.c[s + 1]
@@ -197,9 +197,9 @@ def march(
 ) -> bool:
     """Solve one step by marching the two fronts; return whether that applies.
 
-    The ends move by `proximal` and `distal` [m]. Out, undefined where the march does
-    not apply: `shift` (n,), slip in this step [m], and the tensions `node`. `work`
-    holds (8 (n + 1),).
+    The ends move by `proximal` and `distal` [m]. Results, undefined if it does not
+    apply, are `shift` (n,), slip in this step [m], and the tensions `node` (n + 1,)
+    [N]. `work` holds (8 (n + 1),).
     """
     m = n + 1
     tension, compliance = chain.tension, chain.compliance

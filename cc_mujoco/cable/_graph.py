@@ -1,28 +1,27 @@
 """Slipping segments, found for any state: a monotone graph carried along the cable.
 
-Same chain as in `_fronts.py`. Seen from the proximal end, the tension of node j as a
-function of the displacement w_j of segment j is a nondecreasing, piecewise linear graph
-whatever slips: friction opens a vertical gap at w = 0, the spring of a node shears it.
-Carrying the graph through the cable and closing it with the distal end gives the one
-solution of the step, with slip starting anywhere: every knot of the graph is the edge
-between two states of one segment or node. The place of the solution among the knots
-gives which segments slip, in which direction, and which nodes are slack;
+The chain is that of `_fronts.py`. Seen from the proximal end, the tension of node j as
+a function of the displacement w_j of segment j is a nondecreasing, piecewise linear
+graph whatever slips: friction opens a vertical gap at w = 0, the spring of a node
+shears it. Carrying the graph through the cable and closing it with the distal end gives
+the one solution of the step, with slip starting anywhere: every knot of the graph is
+the edge between two states of one segment or node. The place of the solution among the
+knots gives which segments slip, in which direction, and which nodes are slack;
 `_chain_solve.py` does the rest. (Reading the graphs backwards would need no labels, but
 loses the displacement where a graph is flat, and grows errors from segment to segment
 where drag is stiff.)
 
 Policy iteration nearly always finds the same answer in O(n) a round, so the graph is
-what is left where it does not settle. Mostly what slips is what slipped in the step
-before, and what is slack was slack. Each round solves the step for one guess and
-corrects it where a law does not hold (Howard 1960). The tensions of a step are unique,
-so a guess that needs no correction is right, however it was found. Not unique is where
-a piece slips whose every node is slack or at its limit: it may move as a whole, and
-takes the same energy wherever it stays.
+used only if it does not converge. It starts from the slip and slack of the step before.
+Each round solves the step for one guess and corrects it where a law does not hold
+(Howard 1960). The tensions of a step are unique, so a guess that needs no correction is
+right. Not unique is the motion of a piece that slips with every node slack or at its
+limit: it may move as a whole, and takes the same energy wherever it stays.
 
 The graph is the dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph.
 Stat. 22, 2013) on a friction chain. It costs O(n) to O(n^2). Where friction is constant
-and both ends are driven by position, `_fronts.py` gives the same answer faster. Here a
-null point is resolved to a segment, not within it.
+and both ends are driven by position, `_fronts.py` gives the same answer faster. Here
+the segment of a null point is found, not the point within it.
 """
 
 from __future__ import annotations
@@ -39,7 +38,10 @@ from cc_mujoco.native import FloatArray, compiled, internal
 def solve_marked(
     n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> None:
-    """Solve a step whose slip and slack nodes are known, and lay the slack cable."""
+    """Solve a step with known slip and slack nodes, slack cable laid evenly.
+
+    `lines` and `work` are those of `_chain_solve.solve`.
+    """
     drag, viscosity = chain.drag, chain.viscosity
     slip_direction, slack, node = motion.direction, motion.slack, motion.node
     lies = False
@@ -70,10 +72,10 @@ def solve_marked(
 def solve_with_slack(
     n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> bool:
-    """Solve one step in which any node may be or become slack; return if found.
+    """Solve a step in which any node may be or become slack; return whether solved.
 
-    The direction of slip and the slack nodes are the guess on input. Where correcting
-    all at once turns in a circle, nodes wait for the segments.
+    `motion` has a guess of slip directions and slack nodes on input. After six rounds
+    nodes are corrected only once no segment needs it, as all at once may cycle.
     """
     tension, stiffness = chain.tension, chain.stiffness
     drag, viscosity = chain.drag, chain.viscosity
@@ -134,7 +136,7 @@ _SLIPS_LEFT, _HELD, _SLACK = 0, 1, 2
 def _evaluate_graph(
     x: FloatArray, y: FloatArray, count: int, before: float, behind: float, at: float
 ) -> float:
-    """Return the value of the graph of knots (x, y), with rays at both ends."""
+    """Return the value at `at` of the graph with knots (x, y) and end slopes."""
     last = count - 1
     if at <= x[0]:
         return float(y[0] + before * (at - x[0]))
@@ -156,7 +158,7 @@ def _evaluate_graph(
 def _read_solution(
     n: int, label: FloatArray, passed: int, count: int, motion: ChainMotion
 ) -> None:
-    """Read off which way each segment slips and which nodes are slack.
+    """Set the direction of slip of each segment, and mark the slack nodes.
 
     The solution lies right of the first `passed` knots, and right of every knot that
     was dropped on the way. A knot keeps its meaning while it is carried along: left of
@@ -182,7 +184,7 @@ def _read_solution(
 
 @internal
 def solve_by_graph(n: int, chain: Chain, motion: ChainMotion, work: FloatArray) -> None:
-    """Solve one step from any state, coefficients fixed; `work` as in `sweep`."""
+    """Solve a step from any state with fixed coefficients; `work` as in `sweep`."""
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     proximal_p, proximal_q = chain.proximal_p, chain.proximal_q
     distal_p, distal_q = chain.distal_p, chain.distal_q
@@ -265,11 +267,11 @@ def sweep(
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step from any state; `shift` and `node` as in `ChainMotion`, out.
+    """Solve a step from any state, into `shift` and `node` as in `ChainMotion`.
 
-    `last` is how each segment slipped in the step before (n,). `growth_distal` and
-    `growth_proximal` are E of slip that way. `work` holds (11 n + 11,). What segments
-    hold is overwritten with E where one breaks away.
+    `last` (n,) is the slip of each segment in the step before. `growth_distal` and
+    `growth_proximal` (n,) are E for slip in that direction. `work` holds (11 n + 11,).
+    The ratios that segments hold are overwritten with E where one breaks away.
     """
     tension, stiffness, drag = chain.tension, chain.stiffness, chain.drag
     size = 6 * n + 9  # what comes before it is free outside of the graph

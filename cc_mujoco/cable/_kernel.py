@@ -80,7 +80,7 @@ def advance(
     new_state: FloatArray,
     work: FloatArray,
 ) -> int:
-    """Run `step` with both ends driven by position [m]."""
+    """Advance by one `step` with both ends driven by position [m]."""
     return step(
         prm, n, state, POSITION, u_proximal, POSITION, u_distal, dt, new_state, work
     )
@@ -88,9 +88,9 @@ def advance(
 
 @compiled
 def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Return the elastic energy of the cable and of the bristles on it [J].
+    """Return the elastic energy of the cable and of its bristles [J].
 
-    That of the rope on the drums of a path that lengthens counts from its mounting.
+    With drums it includes the rope on them, less the energy as mounted.
     """
     total = nodes.elastic_energy(prm, n, state)
     if prm[PLACE.bristle_length] > 0.0:
@@ -111,7 +111,7 @@ def _stick_all(n: int, new_state: FloatArray) -> None:
 
 @internal
 def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) -> None:
-    """Solve the step with the coefficients in `work`, whatever slips and from where."""
+    """Solve the step from any state, with the coefficients that are in `work`."""
     work, slips = step.work, at.slips(step.state, n)
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     if prm[PLACE.bristle_length] > 0.0:
@@ -136,9 +136,10 @@ def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) 
 def _end_relation(
     kind: int, value: float, pulled: float, tension: float, stiffness: float
 ) -> tuple[float, float]:
-    """Return p and q of T = p +- q w, an end's relation to the adjacent segment's slip.
+    """Return p [N] and q [N/m] of T = p +- q w at an end of the cable.
 
-    `pulled` is the outward motion of an end driven by position [m].
+    w is the slip of the adjacent segment, `pulled` the outward motion of an end driven
+    by position [m].
     """
     if kind == TENSION:
         return max(value, 0.0), 0.0
@@ -147,7 +148,7 @@ def _end_relation(
 
 @internal
 def _tension_to_move(prm: FloatArray, n: int, step: Step) -> FloatArray:
-    """Return the node tensions from which the ends move, see `_pre_step.py`."""
+    """Return the tensions (n + 1,) [N] after the changes of `_pre_step.py`."""
     tension = at.tensions(step.state, n)
     if (
         before.loses_stretch(prm)
@@ -165,7 +166,7 @@ def step_of(
     state: FloatArray, new_state: FloatArray, work: FloatArray, dt: float,
     proximal: float, distal: float,
 ) -> Step:  # fmt: skip
-    """Return these as a `Step`, for kernels of Warp."""
+    """Return a `Step` of these values, for kernels of Warp."""
     return Step(state, new_state, work, dt, proximal, distal)
 
 
@@ -173,9 +174,9 @@ def step_of(
 def begin_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> int:
-    """Change the tensions before the ends move, and march the fronts where they apply.
+    """Change the tensions before the ends move, then try the marching fronts.
 
-    The first part of `step`. Returns its status.
+    It is the first part of `step`. Return OK, NOT_FINITE, MARCHED or UNSOLVED.
     """
     state, new_state, work = step.state, step.new_state, step.work
     whole = new_state[: at.state_size(n)]
@@ -257,7 +258,7 @@ def begin_step(
 def solve_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
-    """Find displacements and tensions where `begin_step` returned UNSOLVED."""
+    """Find displacements and tensions if `begin_step` returned UNSOLVED."""
     state, work = step.state, step.work
     tension, node = _tension_to_move(prm, n, step), at.tensions(step.new_state, n)
     proximal_moved, distal_moved = step.proximal - state[0], step.distal - state[1]
@@ -296,7 +297,7 @@ def solve_step(
 def finish_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
-    """Write the new state out of displacements and tensions; the last part."""
+    """Write the new state from displacements and tensions; last part of `step`."""
     state, new_state = step.state, step.new_state
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     tension = _tension_to_move(prm, n, step)
@@ -337,8 +338,8 @@ def step(
 
     `prm` are its packed parameters and `state` is that before the step, which is not
     written. A kind says what is prescribed at an end, POSITION [m] or TENSION [N] >= 0,
-    not both TENSION. `dt` [s] matters only to rate-dependent terms. Out: `new_state`,
-    which must not overlap `state`. `work` holds `work_size(n)`.
+    not both TENSION. `dt` [s] matters only to rate-dependent terms. The result is
+    `new_state`, which must not overlap `state`. `work` holds `work_size(n)`.
     """
     own = Step(state, new_state, work, dt, proximal_value, distal_value)
     status = begin_step(prm, n, proximal_kind, distal_kind, own)

@@ -74,10 +74,10 @@ def state_size(n: int) -> int:
 
 @internal
 def rest_wrap(n: int) -> int:
-    """Return the place in the state of the wrap in the rest pose.
+    """Return the index in the state of the wrap angle in the rest pose [rad].
 
-    It is negative while that is not known: the pose is `qpos0` of a model whose bends
-    nobody has looked at yet.
+    The entry is negative until it is known: the pose is `qpos0` of a model whose bends
+    have not been measured yet.
     """
     return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
 
@@ -101,19 +101,19 @@ def segment_angles(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def constant_growth(prm: FloatArray, n: int) -> FloatArray:
-    """Return E of every segment where all is constant, see `_friction.py` (n,)."""
+    """Return E of every segment (n,) where friction is constant, see `_friction.py`."""
     return prm[_ROWS_START + n : _ROWS_START + 2 * n]
 
 
 @compiled
 def constant_hold(prm: FloatArray, n: int) -> FloatArray:
-    """Return H of every segment where all is constant (n,)."""
+    """Return H of every segment (n,) where friction is constant, see `_friction.py`."""
     return prm[_ROWS_START + 2 * n : _ROWS_START + 3 * n]
 
 
 @compiled
 def constant_drag(prm: FloatArray, n: int) -> FloatArray:
-    """Return B of every segment where all is constant (n,) [N]."""
+    """Return B of every segment (n,) [N] where friction is constant."""
     return prm[_ROWS_START + 3 * n : _ROWS_START + 4 * n]
 
 
@@ -133,7 +133,8 @@ def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
 def node_length(prm: FloatArray, n: int) -> FloatArray:
     """Return the length of cable that every node represents (n + 1,) [m].
 
-    Where the path may lengthen: by which the node is a spring, see `_moving_path.py`.
+    Where the path may lengthen it is the length of the node as a spring, see
+    `_moving_path.py`.
     """
     return prm[_ROWS_START + 6 * n + 2 : _ROWS_START + 7 * n + 3]
 
@@ -146,7 +147,7 @@ def contact_length(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def lengthening(prm: FloatArray, n: int) -> FloatArray:
-    """Stretch of every node by its path in the next step (n + 1,) [m]."""
+    """Return the stretch of every node by its path in the next step (n + 1,) [m]."""
     return prm[_ROWS_START + 8 * n + 3 : _ROWS_START + 9 * n + 4]
 
 
@@ -166,13 +167,13 @@ def total(values: FloatArray) -> float:
 
 @compiled
 def carried_path(prm: FloatArray, n: int) -> FloatArray:
-    """Return the path that a surface takes over every segment next (n,) [m]."""
+    """Return the path length carried across every segment in a step (n,) [m]."""
     return prm[_ROWS_START + 10 * n + 4 : _ROWS_START + 11 * n + 4]
 
 
 @compiled
 def carried_cable(prm: FloatArray, n: int) -> FloatArray:
-    """Return the unstretched length of cable that each segment carries (n,) [m]."""
+    """Return the unstretched cable carried across every segment in a step (n,) [m]."""
     return prm[_ROWS_START + 11 * n + 4 : _ROWS_START + 12 * n + 4]
 
 
@@ -220,7 +221,7 @@ def contact_ages(state: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def drum(state: FloatArray, n: int, end: int) -> FloatArray:
-    """Return the memory of the rope on the drum of an end (0, 1), see `_drum.py`."""
+    """Return the layers of rope on the drum of an end (0, 1), see `_drum.py`."""
     start = STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + _DRUM_SIZE * end
     return state[start : start + _DRUM_SIZE]
 
@@ -232,20 +233,20 @@ def work_size(n: int) -> int:
 
 @internal
 def row(work: FloatArray, n: int, i: int) -> FloatArray:
-    """Return row i of coefficients (n,) in scratch."""
+    """Return row i of the coefficients (n,) in the scratch memory."""
     start = _SOLVER_WORK * (n + 1) + i * n
     return work[start : start + n]
 
 
 @internal
 def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
-    """Return row i of the scratch memory of the nodes (n + 1,)."""
+    """Return row i of the nodes (n + 1,) in the scratch memory."""
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + i * (n + 1)
     return work[start : start + n + 1]
 
 
 class Step(NamedTuple):
-    """One step of a cable, and what is prescribed at its ends."""
+    """States, scratch and prescribed ends of one step of a cable."""
 
     state: FloatArray  # before it
     new_state: FloatArray  # out

@@ -11,12 +11,12 @@ angle: with x the place along a conduit of length L and wrap angle W, their dens
 
     rho(x) = min((1 + kappa(x) L / W) / 2, `MAX_REFINEMENT` times the mean of rho).
 
-Only the shape of the conduit counts. Other friction, or all bends tighter by the same
-factor, leave the nodes where they are, so that a fit never moves them. A conduit of
-constant curvature has equal segments.
+Only the shape of the conduit counts. Another friction, or all bends tighter by the same
+factor, does not move the nodes, so a fit never does. A conduit of constant curvature
+has equal segments.
 
-The bound is for the ends. Friction holds all but half of the outermost segment at
-first, so that half as long a segment makes an end twice as stiff
+The upper bound is for the ends. Friction first holds all but half of the outermost
+segment, so that half as long a segment makes an end twice as stiff
 (`_nodes.end_stiffness`) and reduces the longest stable time step by sqrt(2).
 """
 
@@ -32,7 +32,7 @@ MAX_REFINEMENT = 8.0
 
 @internal
 def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
-    """Return length [m] and wrap [rad] of a conduit, and whether it bends evenly."""
+    """Return length [m], wrap [rad], and whether the curvature is constant."""
     length, wrap, even = 0.0, 0.0, True
     for s in range(sections.shape[0]):
         length += sections[s, 0]
@@ -44,7 +44,7 @@ def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
 
 @compiled
 def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
-    """Lay segments along a conduit: where they begin and end, out (n + 1,) [m].
+    """Set the edges (n + 1,) of the segments of a conduit [m].
 
     `sections` (m, 2) are length and bend radius [m], proximal to distal; inf: straight.
     """
@@ -78,16 +78,19 @@ def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
 
 @internal
 def _segment_density(radius: float, length: float, wrap: float, mean: float) -> float:
-    """Return the segments per length where the conduit has this radius, relative."""
+    """Return the density rho of segments at a bend radius, over their number.
+
+    `length` and `wrap` are those of the conduit, `mean` is the mean density.
+    """
     return float(min(0.5 + 0.5 * length / (radius * wrap), MAX_REFINEMENT * mean))
 
 
 @compiled
 def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) -> None:
-    """Wrap angle of every segment: the curvature of the sections that it covers.
+    """Set the wrap angle of every segment: the integral of curvature over it.
 
-    `sections` and `edges` as in `lay_segments`, of any conduit of that length; `angles`
-    are out (n,) [rad].
+    `sections` and `edges` are as in `lay_segments`, of any conduit of that length;
+    `angles` (n,) is the result [rad].
     """
     for j in range(angles.size):
         begin, end = edges[j], edges[j + 1]

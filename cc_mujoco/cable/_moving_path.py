@@ -1,27 +1,27 @@
-"""The law of a cable on a path whose pieces change their length, compiled.
+"""Law of a cable on a path whose pieces change their length, compiled.
 
-A node is what lies of the cable along so much of the path. With l the length of path
-now, m the unstretched length of cable in it and T its tension,
+A node is the cable that lies along one part of the path. With l the present length of
+that part, m the unstretched length of cable in it and T its tension,
 
     1 + strain(T) = l / m,        T = EA (l - m) / m without bedding.
 
 So a piece of 0.2 m is ten times as stiff as one of 2 m. The unstretched lengths follow
-from path and tensions; they are moved between nodes and never made, by slip and where
-the path moves over a cable that sticks: a pulley that turns carries it from one piece
-to the next, with the strain that it has.
+from path and tensions. Their sum is constant: they move between nodes by slip, and
+where the path moves over a cable that sticks: a pulley that turns carries it from one
+piece to the next, at the strain that it has.
 
-A step is found in unstretched lengths too: near the tension before it a node is a
-spring of EA (1 + strain)^2 / l, and what its path gained counts divided by 1 + strain.
-A node that was slack is one of EA / l, that of cable which becomes taut, and has the
-length left that the law tells: between both a straight line through the slack would be
-wrong by EA strain^2, as much as kN. `apply_material_law` then replaces the straight
-line by the law, so that no cable is lost or made over any number of steps. What a drum
-takes in or gives out is in `_drum.py`.
+A step is solved in unstretched lengths too: near the tension before it a node is a
+spring of EA (1 + strain)^2 / l, and the lengthening of its path is divided by 1 +
+strain. A node that was slack is a spring of EA / l, as when it becomes taut, with the
+length that the law gives: a straight line through the slack would be wrong by EA
+strain^2, up to kN. `apply_material_law` then replaces the linear tensions by the law,
+so that no cable is lost or made over any number of steps. `_drum.py` has the rope that
+drums take in or out.
 
-Cable that is moved from node a to node b takes its energy along. Where m dU/dm at fixed
-l is T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean strain)
-per unstretched length, which is the heat (`surface_ratio`), and cable that is carried
-to a node of another strain than its own loses what this differs from the work that it
+Cable that moves from node a to node b takes its energy along. With m dU/dm at fixed l
+equal to T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean
+strain) per unstretched length, which is the heat (`surface_ratio`). Cable carried to a
+node of another strain loses the difference between its energy and the work that it
 does.
 """
 
@@ -49,7 +49,7 @@ def _cable_per_length(prm: FloatArray) -> elastic.Piece:
 
 @internal
 def stretch_ratio(prm: FloatArray, tension: float) -> float:
-    """Return the length of cable by its unstretched length; below 1 where slack."""
+    """Return stretched over unstretched length at a tension [N]; below 1 if slack."""
     if not nodes.is_curved(prm):
         return float(1.0 + tension / prm[PLACE.axial_stiffness])
     return 1.0 + elastic.stretch_of(_cable_per_length(prm), tension)
@@ -57,7 +57,7 @@ def stretch_ratio(prm: FloatArray, tension: float) -> float:
 
 @internal
 def strain_energy(prm: FloatArray, ratio: float) -> float:
-    """Return the elastic energy by unstretched length at a stretch ratio >= 1 [N]."""
+    """Return the elastic energy per unstretched length at a stretch ratio >= 1 [N]."""
     strain = ratio - 1.0
     if not nodes.is_curved(prm):
         return float(0.5 * prm[PLACE.axial_stiffness] * strain * strain)
@@ -67,11 +67,11 @@ def strain_energy(prm: FloatArray, ratio: float) -> float:
 
 @internal
 def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
-    """Return the way of a segment on its surface by its unstretched slip.
+    """Return the slip along the surface per unstretched slip of a segment.
 
-    The heat of slip is the tension difference times that way, see above. `proximal` and
-    `distal` are the tensions at the ends of the segment [N]. 1 where the path cannot
-    lengthen.
+    It is 1 where the path cannot lengthen. The heat of slip is that length times the
+    tension difference, see the module. `proximal` and `distal` are the tensions at the
+    ends of the segment [N].
     """
     if prm[at.PATH_LENGTHENS] == 0.0:
         return 1.0
@@ -96,10 +96,10 @@ def _carried_length(
     flow: float,
     ratio: float,
 ) -> float:
-    """Return the unstretched length that a flow of path takes from node j on [m].
+    """Return the unstretched length that moving path carries from node j on [m].
 
-    `flow` is in stretched lengths [m], negative towards node j; `ratio` is that of the
-    stretched and the unstretched length of the node that it leaves.
+    `flow` is the length of path [m], negative towards node j; `ratio` is stretched over
+    unstretched length at the node that it leaves.
     """
     if abs(flow) <= _FLOW_TOLERANCE:
         return 0.0
@@ -127,11 +127,11 @@ def carry(
     now: FloatArray,
     gained: FloatArray,
 ) -> bool:
-    """Lay a packed cable along another path; return if a step depends on the change.
+    """Move a packed cable to another path; return whether a step depends on the change.
 
-    `PATH_LENGTHENS` is set. The nodes (n + 1,) have `tension` before the step [N],
-    length of path `before` and `now` [m], and `gained` by how much their path would be
-    longer if nothing slipped [m]; the sum of that is the change in length.
+    `PATH_LENGTHENS` is set. The nodes (n + 1,) have `tension` before the step [N] and
+    length of path `before` and `now` [m]. `gained` is by how much each path would be
+    longer if nothing slipped [m]; its sum is the change in length.
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
@@ -167,9 +167,9 @@ def carry(
 
 @internal
 def _bend_of_slack(length: float, ratio: float) -> float:
-    """Return by how much a slack node is shorter than the tangent at no tension [m].
+    """Return by how much a slack node is shorter than its tangent at tension 0 [m].
 
-    `length` is that of its path [m], `ratio` its stretched by its unstretched length.
+    `length` is that of its path [m], `ratio` its stretched over unstretched length.
     """
     return length * (1.0 - ratio) ** 2 / ratio
 
@@ -186,9 +186,9 @@ def _spring(prm: FloatArray, n: int, i: int) -> float:
 def _tension_by_law(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
-    """Return the tension of a node that bedding or a spring makes nonlinear [N].
+    """Return the tension of a node with bedding or a nonlinear spring [N].
 
-    By the law, from the linear solution `after` [N].
+    `before` is that before the step, `after` the linear solution [N].
     """
     spring, start = _spring(prm, n, i), stretch_ratio(prm, before)
     length = at.node_length(prm, n)[i]
@@ -212,9 +212,9 @@ def _tension_by_law(
 def apply_material_law(
     prm: FloatArray, n: int, before: FloatArray, after: FloatArray
 ) -> None:
-    """Replace the tensions of a step by those of the law (n + 1,) [N].
+    """Replace linear tensions `after` a step by those of the material law [N].
 
-    They are those before the step and, in and out, after it.
+    `before` (n + 1,) are those before the step [N].
     """
     ea, straight = prm[PLACE.axial_stiffness], not nodes.is_curved(prm)
     for i in range(n + 1):
@@ -235,10 +235,10 @@ def apply_material_law(
 def set_unstretched_lengths(
     prm: FloatArray, n: int, tension: FloatArray, length: FloatArray
 ) -> None:
-    """Give the nodes of a packed cable the unstretched lengths of a state.
+    """Set the unstretched lengths of the nodes of a packed cable from a state.
 
-    With them its elastic energy and its slack are right. `tension` [N] and `length` of
-    path [m] are of the state (n + 1,).
+    Its elastic energy and slack then follow. `tension` [N] and `length` of path [m] are
+    those of the state (n + 1,).
     """
     own = at.node_length(prm, n)
     for i in range(n + 1):

@@ -1,4 +1,4 @@
-"""Limits of the step of ends that look ahead, see `plugin/_implicit_ends.py`.
+"""Step limits of ends that predict their tension, see `plugin/_implicit_ends.py`.
 
 The plugin and the kernels of mujoco_warp share them.
 """
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Newmark(NamedTuple):
-    """Limits of a step, as squares of step times frequency, and what it damps."""
+    """Limits of step times frequency, squared, and numerical damping."""
 
     implicit_limit: float = 1.0  # in `qpos0`, above which an end may look ahead
     stability_limit: float = 2.5  # up to which looking ahead changes nothing

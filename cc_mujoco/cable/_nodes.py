@@ -51,13 +51,13 @@ def linear_compliance(values: FloatArray, end: int) -> float:
 
 @internal
 def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
-    """Return node i, with the spring at its end as it was before the step."""
+    """Return node i as a `Piece`; its end spring is that before the step."""
     return _held_piece(prm, n, i, prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL])
 
 
 @internal
 def piece_now(prm: FloatArray, n: int, state: FloatArray, i: int) -> elastic.Piece:
-    """Return node i, with the spring at its end as it is in a state."""
+    """Return node i as a `Piece`; its end spring is that of `state`."""
     return _held_piece(prm, n, i, state[at.HELD_TENSIONS + (1 if i == n else 0)])
 
 
@@ -80,9 +80,9 @@ def _held_piece(prm: FloatArray, n: int, i: int, held: float) -> elastic.Piece:
 def _piece(
     prm: FloatArray, taut: float, length: float, turn: float, end: int, held: float
 ) -> elastic.Piece:
-    """Return a piece of cable of a length [m] in a bend [rad].
+    """Return a `Piece` of cable of this compliance [m/N], length [m] and bend [rad].
 
-    At its `end` (0, 1; -1: none) is a spring whose bristle stands at `held` [N].
+    The soft spring at its `end` (0, 1; -1: none) has T_held = `held` [N].
     """
     spring, hardening, loss = 0.0, 0.0, 0.0
     if end == 1:
@@ -100,14 +100,14 @@ def _piece(
 
 @internal
 def recall_springs(prm: FloatArray, state: FloatArray) -> None:
-    """Take over where the bristles of the springs at both ends stand."""
+    """Copy T_held of the springs at both ends from the state to `prm`."""
     prm[at.HELD_PROXIMAL] = state[at.HELD_TENSIONS]
     prm[at.HELD_DISTAL] = state[at.HELD_TENSIONS + 1]
 
 
 @internal
 def rest_springs(prm: FloatArray, n: int, state: FloatArray) -> None:
-    """Lay the bristles of the springs where loading to the tensions leaves them."""
+    """Set T_held of both end springs in the state, as after loading."""
     tension = at.tensions(state, n)
     state[at.HELD_TENSIONS] = max(tension[0], 0.0) if is_soft(prm, 0) else 0.0
     state[at.HELD_TENSIONS + 1] = max(tension[n], 0.0) if is_soft(prm, 1) else 0.0
@@ -115,7 +115,7 @@ def rest_springs(prm: FloatArray, n: int, state: FloatArray) -> None:
 
 @internal
 def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Let the bristles of the springs follow the new tensions; return the heat [J]."""
+    """Update T_held of both end springs by the new tensions; return the heat [J]."""
     tension, heat = at.tensions(state, n), 0.0
     for end in range(2):
         if is_soft(prm, end):
@@ -127,7 +127,7 @@ def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @internal
 def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
-    """Return half of the contact length of segment j."""
+    """Return half of the contact length of segment j as a `Piece`."""
     length, turn = at.contact_length(prm, n)[j], at.segment_angles(prm, n)[j]
     half = at.half_compliance(prm, n)[j]
     return _piece(prm, half, 0.5 * length, 0.5 * turn, -1, 0.0)
@@ -135,7 +135,7 @@ def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
 
 @internal
 def set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack the taut stiffness and compliance of a node, with its linear springs."""
+    """Pack stiffness and compliance of a taut node, with its linear springs."""
     spring = 0.0
     if i == n:
         spring = linear_compliance(prm, 1) + prm[at.YIELD_DISTAL]
@@ -148,7 +148,7 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
 
 @internal
 def node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Stretch of node i [m]."""
+    """Return the stretch of node i at a tension [m]."""
     if not is_curved(prm):
         return float(tension * at.node_compliance(prm, n)[i])
     return elastic.stretch_of(node_piece(prm, n, i), tension)
@@ -166,7 +166,7 @@ def tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
 def tension_after_stretch(
     prm: FloatArray, n: int, i: int, tension: float, stretched: float
 ) -> float:
-    """Return the tension of node i after it was stretched further [m]."""
+    """Return the tension of node i after it is stretched by `stretched` [m] more."""
     if stretched == 0.0:
         return tension
     if not is_curved(prm):
@@ -188,9 +188,9 @@ def stretch_between(
 
 @internal
 def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
-    """Return the mean tension of node i between two tensions [N].
+    """Return the mean tension of node i over a change of tension [N].
 
-    It is the work of stretching over the stretch; a slack node takes none.
+    It is the work of stretching over the stretch; a slack node does no work.
     """
     low, high = min(before, after), max(before, after)
     if high <= 0.0:
@@ -207,9 +207,9 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
 
 @internal
 def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
-    """Stretch of the cable with its end springs at a uniform tension [m].
+    """Return the stretch of cable and end springs at a uniform tension [m].
 
-    `wrap` is that of all its bends [rad], which matters to clearance alone.
+    `wrap` is the sum of its bends [rad]; it matters only if there is clearance.
     """
     springs = linear_compliance(prm, 1) + linear_compliance(prm, 0)
     taut = prm[at.LENGTH] / prm[PLACE.axial_stiffness] + springs
@@ -219,14 +219,14 @@ def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
 
 @internal
 def rest_spring_stretch(prm: FloatArray, tension: float) -> float:
-    """Stretch of the springs at both ends [m], loaded to a tension [N]."""
+    """Return the stretch of the springs at both ends, loaded to a tension [m]."""
     linear = linear_compliance(prm, 0) + linear_compliance(prm, 1)
     return linear * tension + soft_rest_stretch(prm, tension)
 
 
 @internal
 def soft_rest_stretch(prm: FloatArray, tension: float) -> float:
-    """Stretch [m] of the springs that are not linear, loaded to a tension [N]."""
+    """Return the stretch of nonlinear end springs, loaded to a tension [m]."""
     total = 0.0
     for end in range(2):
         if is_soft(prm, end):
@@ -250,7 +250,7 @@ def elastic_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @compiled
 def total_stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Stretch of all nodes [m], which `state[3]` follows."""
+    """Return the stretch of all nodes [m], as `state[3]` should be."""
     total = 0.0
     tension = at.tensions(state, n)
     for i in range(n + 1):
@@ -270,10 +270,11 @@ def slack_length(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @compiled
 def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
-    """Return the stiffness of an end while friction holds the rest [N/m].
+    """Return the stiffness seen at one end [N/m].
 
-    That of the nodes up to the first segment that friction holds: of half a segment
-    where the conduit bends from its mouth on.
+    It is that of the nodes in series from that end to the first segment that friction
+    holds: half a segment if the conduit bends from its mouth on. If friction holds
+    none, it is twice the stiffness of the whole cable.
     """
     compliance = 0.0
     stiffness = at.node_stiffness(prm, n)

@@ -1,9 +1,9 @@
 """Step of a cable with nonlinear (bedding) elasticity: iterate with secant stiffness.
 
-Both solvers of a step take springs for linear. Here the stiffness of each is the secant
-between the tensions before and after the step, iterated: in the march from the
-compliance between two tensions, a closed form; in the graph, which also goes through
-slack, from the stretch found. Compiled, without allocation.
+Both solvers of a step are for linear springs. Here each stiffness is the secant between
+the tensions before and after the step, found by iteration. The march takes it from the
+compliance between two tensions, in closed form. The graph, which also passes through
+slack, takes it from the stretch. Compiled, without allocation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LINE_ROW, _HALF_ROW = 1, 2
 def tangent_stiffness(
     prm: FloatArray, n: int, tension: FloatArray, work: FloatArray
 ) -> FloatArray:
-    """Return the tangent stiffness of the nodes (n+1,) [N/m], a view into `work`."""
+    """Return the tangent stiffness of the nodes (n + 1,) [N/m], a view of `work`."""
     stiffness = at.node_row(work, n, _LINE_ROW)
     for i in range(n + 1):
         own = nodes.node_piece(prm, n, i)
@@ -35,9 +35,9 @@ def tangent_stiffness(
 
 @internal
 def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -> bool:
-    """Solve one step as `_fronts.march` does, in rounds.
+    """Solve one step by rounds of `_fronts.march`; return whether they converged.
 
-    Return False where the march does not apply or its rounds do not settle.
+    Return False if the march does not apply.
     """
     proximal, distal = step.proximal - step.state[0], step.distal - step.state[1]
     work, node = step.work, at.tensions(step.new_state, n)
@@ -79,9 +79,9 @@ def relinearize(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, proximal_held: bool,
     distal_held: bool,
 ) -> bool:  # fmt: skip
-    """Turn the tangents of nodes into secants; return whether they converged.
+    """Set the stiffness of nodes to the secants; return whether they converged.
 
-    `tension` (n + 1,) is that before the step [N]. Where an end is held its tension is
+    `tension` (n + 1,) is that before the step [N]. An end is held if its tension is
     prescribed.
     """
     work, node = step.work, at.tensions(step.new_state, n)

@@ -63,13 +63,13 @@ MIN_NODE_LENGTH = 1e-6
 
 @compiled
 def shape_size(n: int) -> int:
-    """Return the size of the result of `measure` for a cable of n segments."""
+    """Return the size of the result `shape` of `measure`, with n segments."""
     return _ROWS * (n + 1)
 
 
 @compiled
 def memory_size(n: int) -> int:
-    """Return the size of the path memory in the state of a cable of n segments."""
+    """Return the size of the path memory in the state, with n segments."""
     return (_ROWS - _LENGTH) * (n + 1)
 
 
@@ -105,9 +105,9 @@ def _store_vector(shape: FloatArray, n: int, row: int, j: int, v: Point) -> None
 
 @internal
 def fewest_segments(number: int, mouth: int) -> int:
-    """Return the segments that a path of some places takes at least behind a mouth.
+    """Return the least number of segments that a path of `number` places needs.
 
-    `mouth` is the place of a site in the path, 0 where all of it is open.
+    `mouth` is the index of the site where the conduit ends, 0 if all is open.
     """
     # Each geom, and each site but the last; the first one too where it is a mouth.
     return number - mouth - (1 if mouth > 0 else 2)
@@ -115,13 +115,13 @@ def fewest_segments(number: int, mouth: int) -> int:
 
 @internal
 def _part_size(total: int, parts: int, i: int) -> int:
-    """Return the size of part i of a whole number that is shared out."""
+    """Return the size of part i if `total` is divided into near-equal whole parts."""
     return total // parts + (1 if i < total % parts else 0)
 
 
 @internal
 def _angle(a: Point, b: Point) -> float:
-    """Return the angle between two directions [rad]; 0 where one is none."""
+    """Return the angle between two directions [rad]; 0 if either has no length."""
     if dot(a, a) > 0.0 and dot(b, b) > 0.0:
         return geometry.angle_between(a, b)
     return 0.0
@@ -131,9 +131,9 @@ def _angle(a: Point, b: Point) -> float:
 def _surface_travel(
     touch: float, first: Point, u: Point, last: Point, v: Point
 ) -> float:
-    """Return the path length that a surface carries away from the piece [m].
+    """Return the path length that a moving surface carries away from a piece [m].
 
-    The path touched the surface at `first`, arriving along u, and does so at `last`
+    The path touched the surface at `first`, along direction u, and now does at `last`
     along v; all are in the frame of the geom.
     """
     p, q, axis = first, last, Point(0.0, 0.0, 1.0)
@@ -165,11 +165,11 @@ def measure(
 ) -> float:
     """Measure the open part of a path; return its length from the mouth on [m].
 
-    For `places` see `_path_geometry.py`; the first and the last are sites, and so is
-    the mouth, at which the conduit of `guided` of the `n` segments ends; 0: none.
-    `guides` of places behind the mouth are 0 where nothing is given, `ROLLING`, or the
-    radius of a site [m]. `shape`, of `shape_size(n)`, is filled in with that of the
-    segments and nodes behind the conduit.
+    For `places` see `_path_geometry.py`. The first and the last are sites, and so is
+    the `mouth`, at which the conduit of `guided` of the `n` segments ends; 0: no
+    conduit. `guides` of places behind the mouth are 0 where nothing is given,
+    `ROLLING`, or the radius of a site [m]. The result is `shape`, of `shape_size(n)`,
+    for the segments and nodes behind the conduit.
     """
     first = max(mouth, 1)  # place of the first guide
     reach, wraps = 0.0, 0  # geoms behind the mouth
@@ -257,7 +257,7 @@ def measure(
 
 @internal
 def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> float:
-    """Return the largest stiffness of the straight pieces, from the nodes' [N/m]."""
+    """Return the largest stiffness of a straight piece, from nodes (n + 1,) [N/m]."""
     extent, most = _row(shape, n, _EXTENT), 0.0
     for j in range(n + 1):
         if extent[j] != 0.0:
@@ -276,7 +276,7 @@ def save_path(shape: FloatArray, n: int, memory: FloatArray) -> None:
 def _previous_value(
     reference: FloatArray, memory: FloatArray, n: int, j: int, row: int
 ) -> float:
-    """Return the value of a row at node j in a state, see `lengthen`."""
+    """Return an entry of the path as remembered at node j, see `lengthen`."""
     at = (row - _LENGTH) * (n + 1) + j
     if memory[(_TOUCH - _LENGTH) * (n + 1) + j] == _AS_REFERENCE:
         return float(reference[_LENGTH * (n + 1) + at])
@@ -285,7 +285,7 @@ def _previous_value(
 
 @internal
 def previous_lengths(reference: FloatArray, memory: FloatArray, n: int) -> FloatArray:
-    """Return the path length of every node in a state (n + 1,) [m], see `lengthen`."""
+    """Return the remembered path length of the nodes (n + 1,) [m], see `lengthen`."""
     # Every node has a length, unless nothing is remembered yet.
     if memory[0] == 0.0:
         return lengths(reference, n)
@@ -314,7 +314,7 @@ def _vector(shape: FloatArray, n: int, j: int, row: int) -> Point:
 def path_growth(
     shape: FloatArray, reference: FloatArray, memory: FloatArray, n: int
 ) -> float:
-    """Return by how much the path is longer than when `memory` was kept [m]."""
+    """Return the growth of the path since `memory` was written [m]."""
     extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
     grown = 0.0
     for j in range(n + 1):
@@ -331,10 +331,10 @@ def lengthen(
     n: int,
     gained: FloatArray,
 ) -> None:
-    """Compute the lengthening of the path at nodes since a state, out (n + 1,) [m].
+    """Set `gained` (n + 1,) to the lengthening of the path at nodes [m].
 
-    `shape` is the path now, `reference` that in the pose `qpos0`, which counts where
-    the `memory` of the state is 0, after a reset.
+    It is that since the `memory` of a state. `shape` is the path now, `reference` that
+    in the pose `qpos0`, which counts where `memory` is 0, as after a reset.
     """
     gained[:] = 0.0
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
@@ -367,9 +367,9 @@ def lengthen(
 def store_conduit(
     inside: FloatArray, reference: FloatArray, n: int, guided: int
 ) -> None:
-    """Give the reference the conduit of a cable that is packed by itself.
+    """Copy the mesh of a conduit, packed by itself as `inside`, to `reference`.
 
-    `inside` are its packed parameters, of as many segments as `guided`.
+    It has as many segments as `guided`.
     """
     angles(reference, n)[:guided] = at.segment_angles(inside, guided)
     contacts(reference, n)[:guided] = at.contact_length(inside, guided)
@@ -380,10 +380,10 @@ def store_conduit(
 def pack_reference(
     values: FloatArray, n: int, guided: int, reference: FloatArray, prm: FloatArray
 ) -> None:
-    """Prepare the parameters `prm` of a cable on an open path, in the pose `qpos0`.
+    """Set `prm` to the packed parameters of a cable on an open path at `qpos0`.
 
     `values` are in the order of `PARAMETERS`, `guided` is as in `measure`, and
-    `reference` the path in that pose, that of the conduit included.
+    `reference` the path in that pose, with its conduit.
     """
     at.segment_angles(prm, n)[:] = angles(reference, n)
     at.contact_length(prm, n)[:] = contacts(reference, n)
@@ -400,7 +400,7 @@ def pack_reference(
 
 @internal
 def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) -> None:
-    """Give the segments and nodes in the conduit what they have in the reference."""
+    """Copy the mesh of the conduit from `reference` to `shape`."""
     angle, contact, length = angles(shape, n), contacts(shape, n), lengths(shape, n)
     own_angle, own_contact = angles(reference, n), contacts(reference, n)
     own_length = lengths(reference, n)
@@ -420,7 +420,7 @@ def lay(
     memory: FloatArray,
     gained: FloatArray,
 ) -> bool:
-    """Lay a packed cable along a path; return if a step depends on the change.
+    """Move a packed cable to a path; return whether a step depends on the change.
 
     `tension` (n + 1,) [N] and `memory` are of the state, `shape` and `reference` the
     path now and in the pose `qpos0`. `gained` is scratch (n + 1,).
@@ -445,17 +445,19 @@ def pull_forces(
     aside: int,
     forces: FloatArray,
 ) -> None:
-    """Find the forces of the pieces at the points where they begin.
+    """Compute the forces of the pieces on the points where they begin.
 
     Each piece pulls the body at its end with the opposite force. `number` places,
     `mouth`, `shape` and `guided` are those of `measure`, `node` the tensions [N],
     negative where slack. `tied` is the force along the whole tendon that MuJoCo applies
-    [N], positive where it lengthens it; it is taken off. A piece without length, which
-    has no direction, pulls along the axis `aside` of the world, or not (-1).
+    [N], positive where it lengthens the tendon; it is subtracted. A piece without
+    length, and so without direction, pulls along the axis `aside` of the world (-1: not
+    at all).
 
-    Out, for each place but the last (6 * (number - 1),) [N]: the force at the site,
-    towards the geom that is touched or else the site ahead; and, for a geom that is
-    touched, behind it at the site, the force where the path leaves the geom.
+    The result is `forces` (6 * (number - 1),) [N], for each place but the last: the
+    force at the site, towards the geom that is touched or else the next site; and, for
+    a geom that is touched, in the entry of the site behind it, the force where the path
+    leaves the geom.
     """
     extent = _row(shape, n, _EXTENT)
     for i in range(6 * (number - 1)):
@@ -491,7 +493,7 @@ def pull_forces(
 def _store_pull(
     forces: FloatArray, i: int, first: Point, second: Point, tension: float, aside: int
 ) -> None:
-    """Write the force with which a piece draws its first point to its second."""
+    """Write the force with which a piece pulls its first point to its second."""
     d, length = direction_to(first, second)
     if length <= geometry.MIN_PIECE_LENGTH:
         d = Point(float(aside == 0), float(aside == 1), float(aside == 2))

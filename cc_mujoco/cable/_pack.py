@@ -1,6 +1,6 @@
-"""Preparing a cable for the kernel: packed parameters and its state at rest, compiled.
+"""Preparation of a cable for the kernel: packed parameters, state at rest, compiled.
 
-Their layout is defined in `_layout.py`.
+`_layout.py` defines their layout.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def _update_for_lengths(prm: FloatArray, n: int) -> None:
 
 @compiled
 def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
-    """Make the next step of a packed cable move its ends as their tensions change.
+    """Let the ends of a packed cable move with their tensions in the next step.
 
-    Each is then at the displacement that the step is given only while its tension stays
-    what it was; by the gain it goes further into the cable, by `proximal` and `distal`
-    [m/N], and the new state tells where it is. Only where position is prescribed.
+    Each end has its prescribed displacement only at the tension before the step. Per
+    change of tension it moves further into the cable by `proximal` and `distal` [m/N].
+    The new state has the displacement reached. The ends must be driven by position.
     """
     prm[at.YIELD_PROXIMAL] = proximal
     prm[at.YIELD_DISTAL] = distal
@@ -67,7 +67,7 @@ def expect_change(prm: FloatArray) -> None:
 
 @compiled
 def expect_lengthening(prm: FloatArray) -> None:
-    """Make every step of a packed cable first take up the lengthening of its path.
+    """Mark a packed cable so that each step first takes up its path's lengthening.
 
     Call `_moving_path.carry` before each step, and `expect_change` too.
     """
@@ -76,10 +76,10 @@ def expect_lengthening(prm: FloatArray) -> None:
 
 @compiled
 def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
-    """Prepare the parameters of a cable whose mesh is in `out` already.
+    """Pack the parameters of a cable whose mesh is already in `out`.
 
-    That is `segment_angles`, `node_length` and `contact_length` of `_layout.py`, and
-    the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
+    The mesh is `segment_angles`, `node_length` and `contact_length` of `_layout.py`,
+    with the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
     """
     for i in range(at.SCALARS):
         out[i] = values[i]
@@ -101,7 +101,7 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
 
 @compiled
 def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> None:
-    """Prepare the parameters of a cable for the kernel, out, `parameter_size(n)`.
+    """Pack the parameters of a cable for the kernel in `out`, of `parameter_size(n)`.
 
     `values` are in the order of `PARAMETERS`, `sections` (m, 2) length and bend radius
     [m], proximal to distal; inf: straight.
@@ -123,18 +123,18 @@ def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> 
 
 @compiled
 def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
-    """Give the segments of a packed cable other wrap angles (n,) [rad].
+    """Set the wrap angles (n,) of the segments of a packed cable [rad].
 
-    The length stays. Call `expect_change` too.
+    The length is kept. Call `expect_change` too.
     """
     set_path(prm, n, angles, at.contact_length(prm, n))
 
 
 @internal
 def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) -> bool:
-    """Give the segments other wrap angles [rad] and lengths that rub [m], (n,) both.
+    """Set wrap angles [rad] and contact lengths [m] of the segments, (n,) each.
 
-    Return whether any is another than before.
+    Return whether any has changed.
     """
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
     bends, contact_changed = False, False
@@ -152,7 +152,7 @@ def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) 
 
 @internal
 def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> None:
-    """Give a cable at rest its stretch in bends of these angles (n,) [rad]."""
+    """Set the stretch of a cable at rest in bends of these angles (n,) [rad]."""
     wrap = at.total(angles)
     state[3] = nodes.rest_stretch(prm, wrap, prm[PLACE.pretension])
     if prm[PLACE.clearance] > 0.0:
@@ -163,7 +163,7 @@ def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> N
 def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
 ) -> None:
-    """Set the state to rest with uniform pretension, the ends where they are [m]."""
+    """Set `state` to rest in uniform pretension, at these displacements [m]."""
     for i in range(at.state_size(n)):
         state[i] = 0.0
     state[0] = u_proximal

@@ -6,10 +6,11 @@
     )
     Parameter("gearing", "1", "turns of the rotor per turn of the pulley", 0.0, 1e4)
 
-A field of a dataclass carries its descriptor (`parameter`, `parameters_of`), and so the
-table `PARAMETERS`, the indices of the packed vector, the kernel's short cuts, what
-estimators refuse and the table in the documentation derive from `Cable`. Variables of
-designs, parameters of effects and those of a fit are or have such descriptors, too.
+A field of a dataclass carries its descriptor (`parameter`, `parameters_of`). From the
+fields of `Cable` derive the table `PARAMETERS`, the indices of the packed vector, the
+fast paths of the kernel, the terms that estimators refuse, and the table in the
+documentation. Variables of designs, parameters of effects and those of a fit have such
+descriptors, too.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ Dependence = Literal["rate", "history", "direction", "load", "time", "place"]
 
 
 class Term(NamedTuple):
-    """The law that a parameter switches on; off, bit for bit, while that is 0.
+    """Law that a parameter switches on; while the parameter is 0 it changes no bit.
 
     Attributes:
         equation: the law.
-        source: publication, or what it stands for.
+        source: publication, or the mechanism that it describes.
         acts_on: part of the cable's law that the term changes.
         depends_on: quantities that the change depends on; empty if constant.
-        constant_without: the parameter without which, too, it is constant.
+        constant_without: parameter without which, too, the term is constant.
     """
 
     equation: str
@@ -54,7 +55,7 @@ class Term(NamedTuple):
 class Parameter:
     """Name, unit, bounds, meaning and source of one quantity.
 
-    A number lies in [low, high], or in (low, high] where `low_open`; NaN never does.
+    A number lies in [low, high], or in (low, high] if `low_open`; NaN never does.
     """
 
     name: str
@@ -81,12 +82,12 @@ class Parameter:
 
     @property
     def span(self) -> str:
-        """Return the bounds as an interval."""
+        """Bounds as the text of an interval."""
         return f"{'(' if self.low_open else '['}{self.low:g}, {self.high:g}]"
 
     @property
     def allowed(self) -> str:
-        """Return the allowed values as text, with their unit."""
+        """Allowed values as text, with their unit."""
         if self.text:
             return "a text"
         if self.low == -math.inf and self.high == math.inf:
@@ -96,9 +97,10 @@ class Parameter:
         return f"{kind} in {self.span}{unit}"
 
     def admits(self, value: Any) -> bool:
-        """Return whether a value is a number within the bounds, whole where it must be.
+        """Return whether a value is a number within the bounds, integral if required.
 
-        Truth values and arrays are no numbers, though they compare as such.
+        Truth values and arrays are not admitted, although Python compares them as
+        numbers.
         """
         # Only the first question takes no time.
         is_number = isinstance(value, float) or isinstance(value, Real)
@@ -109,7 +111,7 @@ class Parameter:
         return bool(within and (not self.whole or float(value).is_integer()))
 
     def check(self, value: Any, label: str = "") -> None:
-        """Refuse a value that is not admitted.
+        """Require that a value is admitted.
 
         Args:
             value: candidate value.
@@ -169,7 +171,7 @@ def parameter(
 
 
 def parameters_of(owner: Any) -> tuple[Parameter, ...]:
-    """Return the parameters that the fields of a dataclass carry, in their order."""
+    """Return the parameters that the fields of a dataclass carry, in order."""
     return tuple(
         dataclasses.replace(field.metadata["parameter"], name=field.name)
         for field in dataclasses.fields(owner)
@@ -178,7 +180,7 @@ def parameters_of(owner: Any) -> tuple[Parameter, ...]:
 
 
 def table_rows(parameters: Iterable[Parameter]) -> list[list[str]]:
-    """Return parameters as rows of text below the heads of the columns."""
+    """Return parameters as rows of text, below a row of column titles."""
     head = ["key", "unit", "range", "default", "meaning"]
     rows = [[p.name, p.unit, p.span, f"{p.default:g}", p.meaning] for p in parameters]
     return [head, *rows]

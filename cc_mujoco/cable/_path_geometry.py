@@ -1,10 +1,11 @@
 """Geometry of the path of a tendon over sites and geoms, compiled.
 
-A path is given by its places, in their order: `PLACE_SIZE` numbers each. Where it
-touches a geom, it meets it at one point and leaves it at another; a site is one point.
+A path is given by its places (sites and geoms) in order: `PLACE_SIZE` numbers each.
+Where it touches a geom, it meets it at one point and leaves it at another; a site is
+one point.
 
-From these points the wrap angle of each segment of a conduit follows (`bend`), without
-memory of its own:
+From these points the wrap angle of each segment of a conduit follows (`bend`); no state
+is needed:
 
 - Around a geom the path bends evenly along the arc, a great circle of a sphere or a
   helix on a cylinder.
@@ -66,7 +67,7 @@ def between(a: Point, b: Point) -> Point:
 
 @internal
 def direction_to(a: Point, b: Point) -> tuple[Point, float]:
-    """Return direction and distance [m] from a to b, zero direction if too short."""
+    """Return direction and distance [m] from a to b; zero direction if too close."""
     way = between(a, b)
     length = math.sqrt(way.x * way.x + way.y * way.y + way.z * way.z)
     if length <= MIN_PIECE_LENGTH:
@@ -85,7 +86,7 @@ def in_geom_frame(places: FloatArray, k: int, v: Point) -> Point:
 
 @internal
 def angle_between(a: Point, b: Point) -> float:
-    """Return the angle between two directions [rad]; both of length 1."""
+    """Return the angle between two directions of length 1 [rad]."""
     off = between(a, b)
     # The square of the sine of half the angle; arcsine by its series where it is small.
     q = 0.25 * (off.x * off.x + off.y * off.y + off.z * off.z)
@@ -102,7 +103,7 @@ def angle_between(a: Point, b: Point) -> float:
 def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
     """Return the length [m] and turning angle [rad] of the path around a geom.
 
-    It meets the geom at place k in direction d.
+    The path meets the geom of place k in direction d.
     """
     p, q = place_vector(places, k, FIRST), place_vector(places, k, LAST)
     c = place_vector(places, k, CENTRE)
@@ -134,7 +135,7 @@ def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
 
 
 class _Bent(NamedTuple):
-    """Segments of a conduit along a path."""
+    """Segments of a conduit along a path, and their wrap angles so far."""
 
     angles: FloatArray  # out
     lengths: FloatArray
@@ -146,10 +147,10 @@ class _Bent(NamedTuple):
 def _distribute_angle(
     bent: _Bent, begin: float, end: float, angle: float, j: int, stop: float
 ) -> tuple[int, float]:
-    """Add an angle evenly over the path from `begin` to `end` [m].
+    """Spread an angle [rad] evenly over the path from `begin` to `end` [m].
 
-    What lies outside goes to the nearest end. Nothing begins before segment j, which
-    ends at `stop`; the same of the next part of the path is returned.
+    What lies outside the conduit goes to its nearest end. Segment j, which ends at
+    `stop` [m], is the first that is reached. Return both for the next part of the path.
     """
     last, here, until, left = bent.n - 1, j, stop, angle
     a = max(begin * bent.scale, 0.0)
@@ -176,10 +177,10 @@ def bend(
     n: int,
     out: FloatArray,
 ) -> None:
-    """Wrap angle of each segment of a conduit along a path, out (n,) [rad].
+    """Set the wrap angle `out` (n,) of each segment of a conduit along a path [rad].
 
-    It follows the first `count` places, to a site, `total` metres of path; `segments`
-    are its lengths [m].
+    It follows the first `count` places, the last a site, over `total` metres of path;
+    `segments` (n,) are its lengths [m].
     """
     whole = 0.0
     for j in range(n):

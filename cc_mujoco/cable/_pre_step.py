@@ -1,7 +1,7 @@
 """Changes of a cable's tensions before its ends move in a step, compiled.
 
-The cable seats anew in bends that have changed, it relaxes, its conduit slides in its
-clamps, its path lengthens, and what holds its ends gives way.
+Bends change and redistribute its clearance, its stress relaxes, its conduit slides in
+clamps, its path lengthens, and what holds its ends yields.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ that nodes lose to relaxation and clamps."""
 
 @internal
 def seats_anew(prm: FloatArray) -> bool:
-    """Return whether bends that change take cable that has clearance in them."""
+    """Return whether changing bends redistribute the cable's clearance in them."""
     return float(prm[at.BENDS_CHANGE]) != 0.0 and float(prm[PLACE.clearance]) > 0.0
 
 
 @internal
 def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -> None:
-    """Keep the stretch of a cable after its clearance in bends has changed.
+    """Change the tensions so that the stretch is kept after bends have changed.
 
-    The way of the cable is right; where along the cable it is taken up is not known any
-    more, so all nodes take it up as they would without friction.
+    The stretch [m] in the state is right, but where along the cable clearance changed
+    is not known, so all nodes take the difference up as they would without friction.
     """
     off, soft = -state[3], 0.0
     for i in range(n + 1):
@@ -49,7 +49,7 @@ def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -
 
 @internal
 def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
-    """Return scratch with the node tensions, and with no stretch lost yet."""
+    """Return scratch rows: a copy of the node tensions, and lost stretch of 0."""
     old, tension = at.tensions(step.state, n), at.node_row(step.work, n, TENSION_ROW)
     lost = at.node_row(step.work, n, LOST_ROW)
     for i in range(n + 1):
@@ -59,10 +59,10 @@ def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
 
 @internal
 def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
-    """Return the energy that went with the stretch that nodes lost [J].
+    """Return the energy [J] of the stretch that nodes lost.
 
-    At the mean tension of the step, in which the ends move too. Where the path
-    lengthens, rope is longer before it is stretched; so it is where the conduit slides.
+    It is taken at the mean tension of the step, in which the ends move too. Where the
+    path lengthens, and in clamps, the stretch is of unstretched rope.
     """
     before, after = at.tensions(step.state, n), at.tensions(step.new_state, n)
     lost, total = at.node_row(step.work, n, LOST_ROW), 0.0
@@ -77,7 +77,10 @@ def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
 def relax_stress(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Lengthen all parts of the cable equally, by `tension` and `lost` of its nodes."""
+    """Lengthen all parts of the cable equally by stress relaxation.
+
+    It changes `tension` [N] and `lost` stretch [m] of the nodes (n + 1,).
+    """
     time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
     after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + step.dt) / scale)
@@ -92,14 +95,14 @@ def relax_stress(
 
 @internal
 def clamps_slide(prm: FloatArray) -> bool:
-    """Return whether a clamp lets go of the conduit above its holding force."""
+    """Return whether a clamp lets the conduit creep above its holding force."""
     slides = float(prm[PLACE.clamp_creep_proximal]) > 0.0
     return slides or float(prm[PLACE.clamp_creep_distal]) > 0.0
 
 
 @internal
 def loses_stretch(prm: FloatArray) -> bool:
-    """Return whether the cable relaxes or a clamp lets go of its conduit."""
+    """Return whether stress relaxes or a clamp lets the conduit creep."""
     return float(prm[PLACE.stress_relaxation]) > 0.0 or clamps_slide(prm)
 
 
@@ -107,10 +110,11 @@ def loses_stretch(prm: FloatArray) -> bool:
 def slide_in_clamps(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Shorten the path at both ends by the creep of the clamps.
+    """Shorten the path at both ends by the creep of the conduit in its clamps.
 
-    The rate is that of the tension which is left at the end of the step with the
-    stiffness of the end's node before it, so no step takes it below `clamp_force`.
+    It changes `tension` [N] and `lost` stretch [m] of the end nodes. The rate is
+    implicit, by the tension at the end of the step and the node's stiffness before it,
+    so no step takes the tension below `clamp_force`.
     """
     stiffness, dt = at.node_stiffness(prm, n), step.dt
     for end in range(2):
@@ -132,7 +136,7 @@ def slide_in_clamps(
 
 @internal
 def stretch_by_path(prm: FloatArray, n: int, step: Step, old: FloatArray) -> FloatArray:
-    """Stretch every node by its path's lengthening; return the tension of the nodes."""
+    """Stretch every node by its path's lengthening; return the tensions [N]."""
     state = step.state
     proximal, distal = step.proximal - state[0], step.distal - state[1]  # of the ends
     tension, gained = at.node_row(step.work, n, TENSION_ROW), at.lengthening(prm, n)
@@ -152,10 +156,10 @@ def add_end_springs(
     prm: FloatArray, n: int, step: Step, old: FloatArray, yield_proximal: float,
     yield_distal: float,
 ) -> FloatArray:  # fmt: skip
-    """Add springs at both ends for the rest of a step; return the node tensions.
+    """Add springs at both ends for the rest of a step; return the tensions [N].
 
-    A spring is at rest at the tension before the step, or at none where the cable is
-    slack, for nothing pushes.
+    `yield_proximal` and `yield_distal` are their compliances [m/N]. A spring is relaxed
+    at the tension before the step, or at 0 if the cable is slack, as it cannot push.
     """
     tension = at.node_row(step.work, n, TENSION_ROW)
     before, new_state = at.tensions(step.state, n), step.new_state

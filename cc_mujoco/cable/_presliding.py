@@ -1,16 +1,17 @@
 """One step of a cable whose friction builds up elastically, on bristles.
 
-Same chain as in `_fronts.py`. Before it slips, a segment is held by a spring to its
-conduit. Its friction is the smaller of what the spring gives and what Coulomb allows,
+The chain is that of `_fronts.py`. Before it slips, a segment is held by a spring to its
+conduit (bristles). Its friction is the smaller of the spring's force and Coulomb's
+limit,
 
     T_distal = min(max(T_proximal + f + s w, lower), upper),
 
 with the spring's force f before the step, its stiffness s and the displacement w, upper
 = H T_proximal + B and lower its mirror image. Each of the three is one line in the
 displacements of neighbours, increasing in the segment's own and decreasing in the
-others, so that the step is a sequence of tridiagonal systems: guess which segments
-slip and which nodes are slack, solve, correct the guess (policy iteration). It takes
-two to four rounds.
+others, so that the step is a sequence of tridiagonal systems: guess which segments slip
+and which nodes are slack, solve, correct the guess (policy iteration). It takes two to
+four rounds.
 
 With a minimum and a maximum this may cycle: in one step of some 3,000 it did, with
 random cables. Correcting the choices of the maximum until they settle before each
@@ -32,7 +33,10 @@ _ROUNDING = 1e-12
 
 @internal
 def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, float]:
-    """Return the least and most tension on the right that Coulomb friction allows."""
+    """Return the least and largest distal tension that Coulomb friction allows [N].
+
+    `proximal` is the proximal tension of segment s [N], `w` its displacement [m].
+    """
     drag, viscous = chain.drag[s], chain.viscosity[s] * w
     least = (proximal - drag + viscous) / chain.hold_proximal[s]
     return least, chain.hold_distal[s] * proximal + drag + viscous
@@ -42,9 +46,9 @@ def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, flo
 def _segment_line(
     chain: Chain, s: int, direction: float, held: FloatArray, spring: FloatArray
 ) -> tuple[float, float, float]:
-    """Return `gain`, `offset`, `own` of segment s, see `_chain_solve.py`.
+    """Return `gain`, `offset` and `own` of segment s, see `_chain_solve.py`.
 
-    It slips towards `direction`, or is held by its bristles where that is 0.
+    It slips towards `direction`; if that is 0, its bristles hold it.
     """
     if direction == 0.0:
         return 1.0, held[s], spring[s] + chain.viscosity[s]
@@ -66,7 +70,7 @@ def _solve_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Solve for the displacements by elimination, with `work` of `_find_choices`."""
+    """Solve for the displacements with the choices of `_find_choices`."""
     tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift
     slack_before, slack_behind = work[:n], work[n : 2 * n]
     ratio, right = work[2 * n : 3 * n], work[3 * n : 4 * n]
@@ -103,7 +107,7 @@ def _find_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Find which way each segment slips and which nodes are slack.
+    """Find the slip direction of each segment, and the slack nodes.
 
     With tensions cut off at zero, the law of a segment reads
 
@@ -111,7 +115,7 @@ def _find_choices(
 
     The maximum chooses between `elastic` and `lower`, and whether the node before the
     segment is slack; the minimum whether the segment slips towards distal, and whether
-    the node behind it is slack. The minimum chooses anew only when the choices of the
+    the node behind it is slack. The minimum chooses again only when the choices of the
     maximum have settled; the displacements then move one way only, so no choice
     returns. `work` holds (4 n,); other arguments are those of `preslide`.
     """
@@ -163,12 +167,12 @@ def _find_choices(
 
 @internal
 def preslide(n: int, chain: Chain, step: Step) -> bool:
-    """Solve one step by the rows of its scratch; return whether a solution was found.
+    """Solve one step with bristles; return whether a solution was found.
 
-    `SPRING` is the stiffness of the bristles of each segment [N/m], `HELD` their force
-    [N], in and out. `SLIPPED` is the expected slip direction of each segment on input;
-    on output it is the part of its displacement [m] that is slip, not stretch of its
-    bristles.
+    Rows of the scratch: `SPRING` is the stiffness of the bristles of each segment
+    [N/m], `HELD` their force [N], before and after. `SLIPPED` is the expected slip
+    direction of each segment on input; on output it is the part of its displacement [m]
+    that is slip, not stretch of its bristles.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)

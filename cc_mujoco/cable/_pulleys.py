@@ -113,7 +113,7 @@ class Transmission:
         joint_radius: float,
         gear_ratio: float = 1.0,
     ) -> Transmission:
-        """Return two like cables that pull the joint both ways (thesis Fig. 2.7)."""
+        """Return two equal cables that pull the joint both ways (thesis Fig. 2.7)."""
         return cls((cable, cable), motor_radius, joint_radius, gear_ratio)
 
     @classmethod
@@ -124,7 +124,7 @@ class Transmission:
         joint_radius: float,
         gear_ratio: float = 1.0,
     ) -> Transmission:
-        """Return one cable that pulls the joint positive, else goes slack."""
+        """Return one cable that pulls the joint positive, and otherwise goes slack."""
         return cls((cable,), motor_radius, joint_radius, gear_ratio)
 
     @property
@@ -143,10 +143,10 @@ class Transmission:
     ) -> Driven:
         """Play a recorded motion through the transmission, in one compiled call.
 
-        Exactly one quantity per side, (samples,) each; torque on one side at most
-        (modes of thesis Fig. 2.2). The first sample is the rest state as far as angles
-        go: only their changes matter. A torque that a single cable cannot give (it
-        would have to push) leaves the cable slack with no tension at that end.
+        Exactly one quantity is given per side, (samples,) each; a torque on one side at
+        most (modes of thesis Fig. 2.2). The first sample is the rest state, and only
+        changes of angle matter. A torque that a single cable cannot give (it would have
+        to push) leaves the cable slack with no tension at that end.
 
         Args:
             dt: time between samples [s].
@@ -198,7 +198,7 @@ class Transmission:
 
 
 def _net_tension(tension: FloatArray) -> FloatArray:
-    """Return the agonist's pull minus the antagonist's, (cables, samples) [N]."""
+    """Return the agonist's tension less the antagonist's (samples,) [N]."""
     pull: FloatArray = tension[0] - tension[1] if len(tension) == 2 else tension[0]
     return pull
 

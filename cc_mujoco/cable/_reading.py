@@ -1,4 +1,4 @@
-"""State of a cable, read from arrays of kernel states of any number of simulations."""
+"""State of a cable, read from the kernel states of any number of simulations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CableReading:
         tension_distal: tension at the joint's end [N].
         moving_fraction: fraction of the segments that slip.
         slack: length of cable that lies slack in the conduit [m].
-        dissipated: energy that friction has taken since reset [J].
+        dissipated: energy lost to friction since the reset [J].
     """
 
     tension: Floats
@@ -49,12 +49,12 @@ def read_states(
     strain: float = 0.0,
     lengths: int = -1,
 ) -> CableReading:
-    """Return the reading of a cable in some simulations `states` (k, m).
+    """Return the reading of one cable in simulations with `states` (k, m).
 
     Each number is computed in the same way for one simulation and for many, so it has
-    the same bits in both. Its state begins at `start`. The nodes have `compliance` (n +
-    1,) [m/N]. On an open path slack cable has `strain` by tension [1/N], and lengths of
-    nodes begin at `lengths`, else -1.
+    the same bits in both. The cable's state begins at column `start`; its nodes have
+    `compliance` (n + 1,) [m/N]. On an open path slack cable has `strain` by tension
+    [1/N], and lengths of nodes begin at column `lengths`, else -1.
     """
     n = len(compliance) - 1
     tension = np.empty((len(states), n + 1))
@@ -66,13 +66,13 @@ def read_states(
 
 @lru_cache(maxsize=256)
 def guided_compliance(cable: Cable) -> Floats:
-    """Return the compliance of the slack nodes of a cable in a conduit [m/N]."""
+    """Return the compliance of the nodes of a cable in a conduit, if slack [m/N]."""
     prm, n = packed_parameters(cable), cable.segments
     return np.array([-nodes.node_stretch(prm, n, i, -1.0) for i in range(n + 1)])
 
 
 def slack_compliance(cable: Cable) -> tuple[Floats, float]:
-    """Return compliances of springs at the nodes [m/N] and of slack cable [1/N]."""
+    """Return compliances of the nodes' springs [m/N], and of slack cable [1/N]."""
     springs = np.zeros(cable.segments + 1)
     springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
     strain = 1.0 / cable.axial_stiffness
@@ -92,10 +92,10 @@ def _read(
     slip: ByteMatrix,
     numbers: FloatMatrix,
 ) -> None:
-    """Read a cable whose state begins at `start` in each of some states (k, m).
+    """Read a cable whose state begins at column `start` of `states` (k, m).
 
-    `lengths` is where they have the lengths of an open path's nodes, or -1; then a
-    slack node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
+    `lengths` is the column of the lengths of an open path's nodes, or -1; there a slack
+    node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
     `CableReading`.
     """
     n = slip.shape[1]

@@ -21,7 +21,7 @@ from cc_mujoco.native import internal
 
 
 class Bracket(NamedTuple):
-    """Places on either side of a root."""
+    """Places on either side of a root, and the errors there."""
 
     low: float  # largest place known to lie before the root; -inf until one is found
     f_low: float  # error there, perhaps halved; negative
@@ -36,7 +36,10 @@ UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)
 
 @internal
 def narrowed(bracket: Bracket, at: float, error: float) -> Bracket:
-    """Return the bracket after an evaluation; `error` is negative before the root."""
+    """Return the bracket after `error` was found `at` a place.
+
+    The error is negative below the root and positive above it.
+    """
     if error < 0.0:
         halved = 0.5 if bracket.side < 0.0 else 1.0
         return Bracket(at, error, bracket.high, halved * bracket.f_high, -1.0)
@@ -46,13 +49,13 @@ def narrowed(bracket: Bracket, at: float, error: float) -> Bracket:
 
 @internal
 def encloses(bracket: Bracket) -> bool:
-    """Return whether the root lies between two known places."""
+    """Return whether places on both sides of the root are known."""
     return bracket.low > -math.inf and bracket.high < math.inf
 
 
 @internal
 def between(bracket: Bracket) -> float:
-    """Return the next place to evaluate, inside a bracket that encloses the root."""
+    """Return the next place to evaluate, within a bracket that encloses the root."""
     low, high = bracket.low, bracket.high
     at = low - bracket.f_low * (high - low) / (bracket.f_high - bracket.f_low)
     return 0.5 * (low + high) if at <= low or at >= high else at

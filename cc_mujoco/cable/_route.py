@@ -1,4 +1,4 @@
-"""Route of a cable that a tendon leads, and its packed parameters."""
+"""Route of a cable along a MuJoCo tendon, and its packed parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 def ancestors(model: Any, body: int) -> list[int]:
-    """Return a body of an `mjModel` and all that carry it, the world last."""
+    """Return a body of an `mjModel` and its parents up to the world."""
     found = [body]
     while found[-1] != 0:
         found.append(int(model.body_parentid[found[-1]]))
@@ -27,7 +27,7 @@ def ancestors(model: Any, body: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Route:
-    """Tendon that leads a cable, or bends its conduit."""
+    """Spatial tendon that guides a cable, or bends its conduit."""
 
     tendon: int
     """Index of the spatial tendon."""
@@ -45,7 +45,7 @@ class Route:
     """Open path in the pose `qpos0`, see `_open_path.measure`."""
 
     def reference_of(self, cable: Cable) -> Floats:
-        """Return `reference` with the conduit of a cable that may have another."""
+        """Return `reference` with the conduit of `cable`, which may differ."""
         n, guided, reference = cable.segments, self.guided, self.reference.copy()
         if 0 < guided < n:
             inside = np.empty(kernel.parameter_size(guided))

@@ -33,8 +33,10 @@ class Mesh:
     def of(cls, cable: Cable) -> Mesh:
         """Return the segments of the kernel, each with the mean curvature of its part.
 
-        They are equal, as in the thesis, where the conduit bends evenly. A friction
-        term that chapter 2 does not have is refused.
+        They are equal, as in the thesis, if the conduit has constant curvature.
+
+        Raises:
+            CableError: the cable has a friction term that chapter 2 does not have.
         """
         cable.require_terms(_is_coulomb, "chapter 2 knows Coulomb friction only")
         wrap = segment_angles(packed_parameters(cable), cable.segments)
@@ -72,7 +74,7 @@ class Mesh:
 
 
 def _is_coulomb(term: Term) -> bool:
-    """Return whether (2.6) and (2.7) describe a term fully; they leave out pulleys."""
+    """Return whether (2.6) and (2.7) hold with a term, apart from pulleys."""
     return term.acts_on == "pulley" or (
         term.acts_on == "coefficient" and not term.depends_on
     )

@@ -6,8 +6,8 @@
 
 The motor's pulley need not be round (`eccentric`). Torques are those that the motor
 puts into the cables, and that the cables put into the joint. Arrays have a row per
-cable; a cable's displacement is positive from the motor to the joint, so a cable that
-winding the motor draws in has a negative arm there.
+cable. A cable's displacement is positive from the motor to the joint, so the arm at the
+motor is negative for a cable that positive rotation draws in.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Cables(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Load on the side of a transmission that is not driven by angle."""
+    """Torque, spring and stops on the side that is not driven by angle."""
 
     torque: float  # wanted of the cables (joint) or of the motor at angle 0 [N m]
     stiffness: float  # stiffness by which it grows with the angle [N m/rad]
@@ -63,7 +63,7 @@ def make_cables(
     distal: Sequence[float],
     gear: Sequence[float] | None = None,
 ) -> Cables:
-    """Pack cables and their arms; the pulley turns with the motor unless geared."""
+    """Pack cables and their arms [m]; `gear` are pulley radii if not `proximal`."""
     n = np.array([cable.segments for cable in cables])
     prm = np.zeros((n.size, kernel.parameter_size(int(n.max()))))
     for row, cable in zip(prm, cables, strict=True):
@@ -76,7 +76,7 @@ def make_cables(
 
 
 def rest_states(cables: Cables, motor: float, joint: float) -> FloatArray:
-    """Return the states at rest in pretension at these angles (cables, numbers)."""
+    """Return the states (cables, numbers) at rest at these angles [rad]."""
     state = np.zeros((cables.n.size, kernel.state_size(int(cables.n.max()))))
     set_rest(cables, motor, joint, state)
     return state
@@ -88,7 +88,7 @@ def scratch(cables: Cables) -> FloatArray:
 
 @compiled
 def set_rest(cables: Cables, motor: float, joint: float, state: FloatMatrix) -> None:
-    """Bring the state (cables, numbers) to rest in pretension at these angles [rad]."""
+    """Set `state` (cables, numbers) to rest in pretension at these angles [rad]."""
     for k in range(cables.n.size):
         u_proximal, _ = proximal_displacement(cables, k, motor)
         prm, u_distal = cables.prm[k], cables.distal[k] * joint
@@ -97,7 +97,7 @@ def set_rest(cables: Cables, motor: float, joint: float, state: FloatMatrix) -> 
 
 @compiled
 def proximal_displacement(cables: Cables, k: int, motor: float) -> tuple[float, float]:
-    """Return a proximal end's displacement [m] and lever, relative to the arm."""
+    """Return the displacement of a proximal end [m], and its lever over the arm."""
     prm, length, gear = cables.prm[k], cables.proximal[k] * motor, cables.gear[k]
     return (
         eccentric.wound_length(prm, length, gear),
@@ -115,7 +115,7 @@ def move(
     new: FloatMatrix,
     work: FloatArray,
 ) -> None:
-    """Step all cables with both angles given [rad]; `new` is the state after."""
+    """Step all cables by `dt` [s] to these angles [rad]; the result is `new`."""
     for k in range(cables.n.size):
         u_proximal, _ = proximal_displacement(cables, k, motor)
         kernel.advance(
@@ -128,7 +128,7 @@ def move(
 def torque(
     cables: Cables, state: FloatMatrix, distal: bool, motor: float
 ) -> tuple[float, float]:
-    """Return the torque of one side, and the sum of the sizes of its parts [N m]."""
+    """Return the torque of one side, and the sum of magnitudes of its parts [N m]."""
     total, size = 0.0, 0.0
     for k in range(cables.n.size):
         tension = tensions(state[k], cables.n[k])
@@ -157,11 +157,13 @@ def balance(
     """Step all cables, one side by angle and the other by load; return its angle [rad].
 
     The torque at the motor grows with its angle and that at the joint falls with it,
-    piecewise smoothly: secants from where the side was until they bracket it, then
-    regula falsi (`root`). A single cable cannot push; asked to, it goes slack.
+    piecewise smoothly. Secants from the last angle are taken until they bracket the
+    root, then regula falsi (`root`). A single cable cannot push: asked to, it goes
+    slack.
 
-    With `distal` the load acts on the joint. `fixed` is the angle of the other side,
-    `start` that of this one before [rad]. Out: `new`, the state after.
+    If `distal`, the load acts on the joint. `fixed` is the angle of the other side,
+    `start` that of this one before the step [rad]. The result is `new`, the state
+    after.
     """
     arm = cables.distal if distal else cables.proximal
     wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)

@@ -1,4 +1,4 @@
-"""The native core: decorators and types of functions that become C."""
+"""Native core: decorators and types of functions that are compiled by way of C."""
 
 from __future__ import annotations
 

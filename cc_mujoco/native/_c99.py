@@ -1,12 +1,13 @@
-"""C99 out of compiled functions.
+"""Translation of compiled functions to C99.
 
     library = CLibrary({}, root)
     library.export("cc_step", kernel.step)
     print(library.text())
 
-Each function is translated once, by its syntax tree and its annotations; what it calls
-is translated with it. Arithmetic keeps its order, so that C, compiled without
-contraction, gives the bits of Python. What leaves the subset is refused with its place.
+Each function is translated once, from its syntax tree and its annotations, together
+with the functions that it calls. Arithmetic keeps its order, so that C, compiled
+without contraction, gives the bits of Python. Code outside the supported subset of
+Python raises an error that names file and line.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ _RESERVED = frozenset(
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in C."""
+    """Expression in C, with its type and precedence."""
 
     text: str  # its text
     kind: Kind  # its type
@@ -117,11 +118,11 @@ class Value:
     dims: tuple[str, ...] = ()
 
     def at(self, rank: int) -> str:
-        """Return the text as an operand of an operator of this rank."""
+        """Return the text as an operand of an operator of precedence `rank`."""
         return self.text if self.rank >= rank else f"({self.text})"
 
     def __format__(self, rank: str) -> str:
-        """Return the text as an operand, in a template."""
+        """Return the text as an operand in a format string, `rank` as its format."""
         return self.at(int(rank or 0))
 
 
@@ -139,10 +140,10 @@ class Function:
 
 
 class CLibrary:
-    """Functions in C, each once."""
+    """Set of functions translated to C, each once."""
 
     def __init__(self, known: Mapping[Any, KnownCall], root: Path) -> None:
-        """Begin with functions that are not compiled, beside those of Python."""
+        """Begin with C functions `known` besides those of Python; `root` of sources."""
         self.known, self.root = {**_CALLS, **known}, root
         self._functions: dict[types.FunctionType, Function] = {}
         self._records: dict[str, str] = {}
@@ -152,7 +153,7 @@ class CLibrary:
         self.exports: dict[str, str] = {}
 
     def export(self, symbol: str, function: types.FunctionType) -> None:
-        """Translate a function and give it a name that is seen outside."""
+        """Translate a function and export it from the library as `symbol`."""
         found = self.require(function)
         kinds = found.signature.arguments
         result = found.signature.result
@@ -163,7 +164,7 @@ class CLibrary:
         )
 
     def require(self, function: types.FunctionType) -> Function:
-        """Return a function, which will be translated with all that it calls."""
+        """Return a function, queued for translation with all that it calls."""
         known = self._functions.get(function)
         if known is None:
             try:
@@ -194,7 +195,7 @@ class CLibrary:
         return [self._functions[function] for function in order]
 
     def _put(self, function: types.FunctionType, order: dict[Any, bool]) -> None:
-        """Put a function behind those that it calls, and add what they write."""
+        """Order a function behind those that it calls, and collect what they write."""
         one = self._functions[function]
         order[function] = False
         for callee, node, given in one.calls:
@@ -209,7 +210,7 @@ class CLibrary:
         order[function] = order.pop(function)
 
     def type(self, kind: Kind) -> str:
-        """Return the C type; a structure is declared with it."""
+        """Return the C type of a kind; declare it if it is a structure."""
         if isinstance(kind, Scalar):
             return kind.c
         if isinstance(kind, Structure) and kind.name not in self._records:
@@ -229,7 +230,7 @@ class CLibrary:
         return head
 
     def constant(self, text: str, name: str) -> str:
-        """Return a name for a number: that of the constant, or it and a number."""
+        """Return a macro for a number: `name`, or with a suffix if that is taken."""
         text = f"({text})" if text[0] == "-" else text
         free = next(n for n in _names(name) if self._constants.get(n, text) == text)
         self._constants[free] = text
@@ -281,17 +282,17 @@ def literal(found: Any) -> Value:
 
 
 def c_name(name: str) -> str:
-    """Return a name that C and its libraries have not taken."""
+    """Return the name with an underscore if it is reserved in C or its libraries."""
     return f"{name}_" if name in _RESERVED else name
 
 
 def _wide(kind: Kind) -> Kind:
-    """Return the type of a variable for a value: small integers become wide."""
+    """Return the C type of a variable for a value: small integers are widened."""
     return INT if kind in (BYTE, INT32, INT8) else kind
 
 
 def _wider(a: Kind, b: Kind) -> Kind | None:
-    """Return the type that holds values of two types, None where there is none."""
+    """Return the C type that holds values of both types; None if there is none."""
     if a == b:
         return a
     if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):
@@ -388,7 +389,7 @@ class _CWriter(Writer):
         return self._arguments.get(name) or self._kinds.get(name)
 
     def _declare(self, name: str, kind: Kind, node: ast.AST) -> Kind:
-        """Note the type of a variable; return the one that it has."""
+        """Record the type of a variable, widened if needed, and return it."""
         present = self._kind(name)
         wider = _wider(_wide(present), _wide(kind)) if present else _wide(kind)
         is_given = name in self._arguments
@@ -412,7 +413,7 @@ class _CWriter(Writer):
         return Value(f"({self.library.type(kind)}){value.at(UNARY)}", kind, UNARY)
 
     def _typed(self, node: ast.expr, kind: Kind) -> Value:
-        """Return an expression as a type; a tuple field by field."""
+        """Return an expression converted to a type; a tuple field by field."""
         if isinstance(node, ast.Tuple) and isinstance(kind, Structure):
             if len(node.elts) == len(kind.fields):
                 pairs = zip(node.elts, kind.fields, strict=True)
@@ -423,7 +424,7 @@ class _CWriter(Writer):
     def _record(
         self, parts: list[Value], node: ast.AST, kind: Structure | None = None
     ) -> Value:
-        """Return a tuple of values, by default a plain one of their own types."""
+        """Return a C structure of these values, by default of their own types."""
         kind = kind or tuple_of(tuple(_wide(part.kind) for part in parts))
         text = ", ".join(
             f".{c_name(name)} = {self.as_kind(part, each, node).text}"
@@ -440,7 +441,7 @@ class _CWriter(Writer):
     # Arrays of arguments that are written
 
     def _paths_of(self, node: ast.expr) -> set[str]:
-        """Return the arguments, and fields of them, that an expression may view."""
+        """Return the arguments, or their fields, that an expression may be part of."""
         if isinstance(node, ast.Name):
             return self._paths.get(node.id, set())
         if isinstance(node, ast.Attribute):
@@ -794,7 +795,7 @@ class _CWriter(Writer):
         return Value(f"((const {self.library.type(kind)}[]){{{text}}})[{at}]", kind)
 
     def _element(self, node: ast.Subscript, owner: Value, kind: Array) -> Value:
-        """Return an element of an array, or a view of a part of it."""
+        """Return an element of an array, or a view of part of it."""
         given = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         while len(given) > 1 and _is_whole(given[-1]):
             given = given[:-1]

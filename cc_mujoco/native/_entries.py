@@ -1,4 +1,4 @@
-"""Functions in C that Python calls: how `python_calls.h` is to read their arguments."""
+"""Entry points in C for Python, and how `python_calls.h` reads their arguments."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _result_format(kind: Kind) -> str:
 
 
 def _leaves(source: str, kind: Kind) -> Iterator[tuple[str, str]]:
-    """Yield the numbers of a result and the fields of the cells that take them."""
+    """Yield format letter and C expression of each number in a result, `d` or `i`."""
     if isinstance(kind, Structure):
         for name, each in kind.fields:
             yield from _leaves(f"{source}.{c_name(name)}", each)

@@ -1,8 +1,8 @@
-"""Constant folding of compiled functions: what a term that is off leaves of them.
+"""Constant folding of compiled functions, which removes terms that are off.
 
 A function of `cc_mujoco.cable` asks at run time which terms a cable has. On a GPU the
 answer is compiled in: entries of `prm` and `values` with a known value are replaced by
-it, and what follows from that is removed. The order of all other operations stays.
+it, and branches that it decides are removed. The order of all other operations stays.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FOLDED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 
 @dataclass(frozen=True)
 class Known:
-    """Values that are known before a step."""
+    """Values that are known at compile time."""
 
     # Entries of packed parameters, by place.
     packed: Mapping[int, float] = field(default_factory=dict)
@@ -38,7 +38,7 @@ class Known:
 
 
 class Scope:
-    """Names of one function and what they stand for outside of it."""
+    """Global names that one function uses, and the objects they refer to."""
 
     def __init__(self, function: types.FunctionType, node: ast.FunctionDef) -> None:
         self._globals = function.__globals__
@@ -48,13 +48,13 @@ class Scope:
                 self._local.add(found.id)
 
     def full_name(self, node: ast.expr, name: str) -> str:
-        """Return the name of a constant after the module by which it is reached."""
+        """Return the name of a constant, qualified by the module it is used from."""
         owner = self.lookup(node.value) if isinstance(node, ast.Attribute) else None
         module = getattr(owner, "__name__", self._globals["__name__"])
         return f"{module.rpartition('.')[2].strip('_')}_{name.strip('_')}".upper()
 
     def lookup(self, node: ast.expr) -> Any:
-        """Return what an expression names outside of the function, or None."""
+        """Return the global object that an expression names, or None."""
         if isinstance(node, ast.Constant):
             return node.value
         if isinstance(node, ast.Name) and node.id not in self._local:
@@ -71,7 +71,7 @@ class Scope:
 
 
 def _separate(node: ast.Assign) -> list[ast.stmt] | None:
-    """Return `a = c`, `b = d` of `a, b = c, d`; None where one reads what one wrote."""
+    """Return `a = c` and `b = d` for `a, b = c, d`; None if one needs the other."""
     target, value = node.targets[0], node.value
     if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
         return None
@@ -98,10 +98,10 @@ def fold(
     known: Known,
     constant_result: Callable[[Any], ast.Constant | None],
 ) -> ast.FunctionDef:
-    """Fold constants in a function, in place, until nothing more follows.
+    """Fold constants in a function, in place, until nothing changes.
 
-    `known` are values that are known; `constant_result` returns what another function
-    always returns, else None.
+    `known` are values known at compile time. `constant_result` returns the constant
+    that another function always returns, or None.
     """
     names = {a.arg for a in node.args.args}
     constants = {
@@ -138,7 +138,7 @@ def _single_constants(
 
 
 def _jumps(body: list[ast.stmt]) -> bool:
-    """Return whether a loop with this body ends early, or goes on with its next."""
+    """Return whether the body of a loop has a break or a continue of that loop."""
     return any(
         isinstance(one, ast.Break | ast.Continue)
         or (isinstance(one, ast.If) and _jumps([*one.body, *one.orelse]))
@@ -154,7 +154,7 @@ class _Folder(ast.NodeTransformer):
     _constant_result: Callable[[Any], ast.Constant | None]
 
     def statements(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """Fold a block; what follows a return, break or continue is left out."""
+        """Fold a block of statements; drop those behind a return, break or continue."""
         folded: list[ast.stmt] = []
         for statement in body:
             result = self.visit(statement)

@@ -1,7 +1,7 @@
-"""The front end: a function as a syntax tree that a writer only prints.
+"""Front end of the compiler: a function as a tree whose statements a writer prints.
 
-A tree is checked against the subset in `.github/CONTRIBUTING.md`, folded and lowered:
-of the statements there are left an assignment to one target, or of a call to several
+The tree is checked against the subset in `.github/CONTRIBUTING.md`, folded and lowered.
+The statements that remain are an assignment to one target, or of a call to several
 names, `if`, `while`, `for` over a range, `return`, `break`, `continue` and a call.
 """
 
@@ -28,7 +28,7 @@ _NODES = (
 
 @dataclass(frozen=True)
 class ReadFunction:
-    """A function that is to be written in another language."""
+    """Function read from its source, ready for a writer."""
 
     function: types.FunctionType  # as Python runs it
     node: ast.FunctionDef  # its syntax tree, folded and lowered
@@ -40,7 +40,10 @@ class ReadFunction:
 
 
 def refusal(function: Any, node: ast.AST | None, what: str) -> CableError:
-    """Return the error for a place in a function, that of its first line by default."""
+    """Return the error for code that is not supported, with its file and line.
+
+    The line is that of `node`, by default the first of the function.
+    """
     code = function.__code__
     line = getattr(node, "lineno", code.co_firstlineno)
     return CableError(
@@ -72,7 +75,7 @@ def read(
 
 
 class _Lowering:
-    """Statements made of the few that writers know."""
+    """Lowering of statements to the few that writers support."""
 
     def __init__(self, source: ReadFunction) -> None:
         self._source, self._count = source, 0
@@ -154,7 +157,7 @@ def _loaded(target: ast.expr) -> ast.expr:
 
 
 class Writer(ast.NodeVisitor):
-    """Text of one function: a method for each node, which a language adds."""
+    """Base of writers of one function: a language adds a method for each node."""
 
     def __init__(self, source: ReadFunction) -> None:
         self.source, self.scope = source, source.scope

@@ -70,7 +70,7 @@ FUNCTIONS: list[NativeFunction] = []  # all functions that have been declared, i
 
 
 class NativeFunction:
-    """A function that becomes C.
+    """Python function that is compiled by way of C.
 
     Attributes:
         py_func: the function as Python runs it.
@@ -139,7 +139,7 @@ class NativeFunction:
 
 
 def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
-    """Return an argument as the library takes it; note copies of arrays."""
+    """Return an argument as C takes it; append copied arrays to `copies`."""
     if isinstance(kind, Structure):
         if not isinstance(given, tuple) or len(given) != len(kind.fields):
             return given  # the library refuses it
@@ -158,35 +158,35 @@ def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
 
 
 def compiled(function: Function) -> Function:
-    """Declare a function that Python and other compiled functions call."""
+    """Declare a function that is compiled, for Python and other compiled functions."""
     return cast("Function", NativeFunction(cast("types.FunctionType", function), True))
 
 
 def internal(function: Function) -> Function:
-    """Declare a function that other compiled functions call."""
+    """Declare a function that is compiled, for other compiled functions only."""
     return cast("Function", NativeFunction(cast("types.FunctionType", function), False))
 
 
 def callback(function: Function) -> Function:
-    """Declare a function that C calls by the symbol `cc_mujoco_` and its name."""
+    """Declare a compiled function that C calls as `cc_mujoco_` and its name."""
     plain = cast("types.FunctionType", function)
     symbol = f"cc_mujoco_{plain.__name__.lstrip('_')}"
     return cast("Function", NativeFunction(plain, False, symbol))
 
 
 def reinterpret(function: Function) -> Function:
-    """Mark a function that returns what lies at an address as a type, without a copy.
+    """Mark a function that returns the memory at an address as a type, without a copy.
 
-    Its arguments are the address and, of an array, its size in each dimension.
+    Its arguments are the address and, for an array, its size in each dimension.
     """
     function.views = "memory"  # type: ignore[attr-defined]
     return function
 
 
 def reinterpret_part(function: Function) -> Function:
-    """Mark a function that returns a part of an array in a shape, without a copy.
+    """Mark a function that returns part of an array in another shape, without a copy.
 
-    Its arguments are the array, the place of its first number and its dimensions.
+    Its arguments are the array, the index of its first number and its dimensions.
     """
     function.views = "array"  # type: ignore[attr-defined]
     return function

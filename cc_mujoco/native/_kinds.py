@@ -30,14 +30,14 @@ ByteMatrix = Annotated[npt.NDArray[np.int8], 2]
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number, as C names it."""
+    """Number type, by its name in C."""
 
     c: str
 
 
 @dataclass(frozen=True)
 class Memory(Scalar):
-    """The address of a structure, whose fields are read and written where they lie."""
+    """Address of a structure, whose fields are read and written in place."""
 
     name: str  # path by which its fields are known
     layout: type[ctypes.Structure] = field(compare=False)  # its type for `ctypes`
@@ -56,9 +56,9 @@ class Array:
 
 @dataclass(frozen=True)
 class Structure:
-    """A named tuple, or a tuple, whose fields are `f0`, `f1` and so on.
+    """Named tuple or tuple; fields of a tuple are `f0`, `f1` and so on.
 
-    A structured type of NumPy is one that is reached by a pointer.
+    A structured type of NumPy is accessed through a pointer.
     """
 
     name: str
@@ -73,7 +73,7 @@ Kind = Scalar | Array | Structure
 
 
 def holds_array(kind: Kind) -> bool:
-    """Return whether values of a type view memory that another owns."""
+    """Return whether values of a type are views of memory that another object owns."""
     if isinstance(kind, Structure):
         return any(holds_array(each) for _, each in kind.fields)
     return isinstance(kind, Array)
@@ -98,7 +98,7 @@ _SHORT = {
 
 
 class LoadedInt(int):
-    """An integer whose value in Python is that of this process."""
+    """Integer that differs between processes, so that it cannot be a constant."""
 
     c: str  # expression by which C reads its value when it runs
 
@@ -108,7 +108,7 @@ def dtype_of(kind: Scalar) -> np.dtype[Any]:
 
 
 class UnknownTypeError(Exception):
-    """An annotation that names no type of compiled functions."""
+    """Annotation that is no type of compiled functions."""
 
 
 def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
@@ -117,7 +117,7 @@ def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
 
 
 def short_name(kind: Kind) -> str:
-    """Return the name of a type in C, without a star."""
+    """Return the C name of a type, without the star of a pointer."""
     if isinstance(kind, Scalar):
         return _SHORT[INT if isinstance(kind, Memory) else kind]
     if isinstance(kind, Structure):
@@ -189,12 +189,12 @@ def signature_of(function: types.FunctionType) -> FunctionTypes:
 
 
 def interrupted(step: int) -> bool:
-    """Return whether a loop must end; C asks Python at every 16384th `step`."""
+    """Return whether a loop should end; C asks Python at every 16384th `step`."""
     return False
 
 
 def python_function(found: Any) -> types.FunctionType | None:
-    """Return the Python function of a compiled one, or the function itself."""
+    """Return the Python function behind a compiled one, or a function itself."""
     found = getattr(found, "py_func", found)
     if not isinstance(found, types.FunctionType) or found.__module__[:6] == "numpy.":
         return None

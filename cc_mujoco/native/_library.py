@@ -1,7 +1,7 @@
-"""The native library: found, or compiled once and kept.
+"""Native library: found, or compiled once and cached.
 
-It lies in this package, as in a wheel, or in a folder of this user, by the digest of
-the syntax trees that it was made of; a changed comment compiles nothing.
+It lies in this package, as in a wheel, or in a cache folder of the user. Its name has a
+digest of the syntax trees that it was made from, so a changed comment compiles nothing.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _library() -> ctypes.CDLL:
 
 
 def load(path: Path) -> ctypes.CDLL:
-    """Return the library of a file; one of this user's folder that fails is removed."""
+    """Load a library; delete it if it does not load and is in the user's cache."""
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -110,7 +110,7 @@ def load(path: Path) -> ctypes.CDLL:
 
 
 class NativeLibraryError(CableError, ImportError):
-    """The native library cannot be made, kept or loaded."""
+    """Error: the native library cannot be made, cached or loaded."""
 
 
 def _is_carried() -> bool:
@@ -139,10 +139,10 @@ def _kept_name() -> str:
 
 
 def keep(name: str, build: Callable[[Path], Path]) -> Path:
-    """Return a library in the folder of this user, compiled if it is not there whole.
+    """Return the path of a library in the user's cache, built if it is not there.
 
-    `name` identifies its code and machine; the file's name has its size, too. `build`
-    compiles it in a folder.
+    `name` identifies its code and machine; the file's name also has its size, by which
+    a partial file is noticed. `build` compiles it in a folder and returns its path.
     """
     found = _kept(name)
     if found is not None:
@@ -160,7 +160,7 @@ def _put(made: Path, name: str) -> Path:
 
 @contextmanager
 def workplace() -> Iterator[Path]:
-    """Give a folder to compile in, beside the libraries that are kept."""
+    """Yield a temporary folder to compile in, inside the user's cache."""
     compiler()
     try:
         folder().mkdir(parents=True, exist_ok=True)
@@ -175,7 +175,7 @@ def workplace() -> Iterator[Path]:
 
 
 def _remove_old_files() -> None:
-    """Remove unused libraries, and what processes that were killed have left behind."""
+    """Delete libraries unused for 60 days and folders that killed processes left."""
     # Names of kept files, in a folder that may hold others
     kept = r"(lib\w+|unit)-[0-9a-f]{20}.*\.\w+|\w+-[0-9a-f]{32}\.json"
     for path in folder().iterdir():
@@ -192,7 +192,7 @@ def does_without() -> bool:
 
 
 def is_at_hand() -> bool:
-    """Return whether there is a library of this code, or a compiler to make it."""
+    """Return whether there is a library of this code, or a compiler to build it."""
     try:
         return _is_carried() or _kept(_kept_name()) is not None or bool(compiler())
     except NativeLibraryError:
@@ -200,7 +200,7 @@ def is_at_hand() -> bool:
 
 
 def do_without() -> None:
-    """Leave the library out of this process, which then has no cables in MuJoCo."""
+    """Never load the library in this process, which then has no cables in MuJoCo."""
     global _does_without
     _does_without = True
 
@@ -222,10 +222,10 @@ def folder() -> Path:
 
 
 def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
-    """Return what `make` returns, of JSON, made once and kept in the user's folder.
+    """Return what `make` returns, as JSON cached in the user's folder.
 
-    `kind` is the first word of the file's name; `follows` is all that it follows from,
-    but the code of this package.
+    `kind` is the first word of the file's name. `follows` are the inputs of `make`
+    besides the code of this package; others are cached apart.
     """
     whole = hashlib.sha256("\0".join([sources_digest(), *follows]).encode())
     path = folder() / f"{kind}-{whole.hexdigest()[:32]}.json"
@@ -245,7 +245,7 @@ def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
 
 @cache
 def digest() -> str:
-    """Return what identifies the code of the library: its trees, no docstrings."""
+    """Return a digest of the library's code: its syntax trees without docstrings."""
     found: str = kept("trees", (), _digest)  # a second of parsing
     return found
 
@@ -267,7 +267,7 @@ def _digest() -> str:
 
 @cache
 def sources_digest() -> str:
-    """Return the digest of the same files byte by byte, comments included."""
+    """Return a digest of the library's files byte by byte, comments included."""
     whole = hashlib.sha256()
     for name, content in _sources():
         whole.update(name.encode() + hashlib.sha256(content).digest())
@@ -275,7 +275,7 @@ def sources_digest() -> str:
 
 
 def _sources() -> Iterator[tuple[str, bytes]]:
-    """Return the files of the package that the library may be made of."""
+    """Yield names and contents of the package's files that may be in the library."""
     for path in sorted(PACKAGE.rglob("*")):
         place = path.relative_to(PACKAGE)
         elsewhere = place.parts[0] in ("assets", "envs")  # of a checkout
@@ -332,10 +332,10 @@ def identity() -> Iterator[str]:
 
 
 def _units(source: Path) -> list[Path]:
-    """Return the compiled halves of a source, `CC_UNIT` 1 and 2, made side by side.
+    """Return the two object files of a source, compiled in parallel.
 
-    They are kept by what the source says, so that a changed statement that changes no
-    line of C compiles nothing.
+    Each defines `CC_UNIT` as 1 or 2. They are cached by the source's lines of C, so
+    that a change of Python which changes none of these compiles nothing.
     """
     text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
     lines = [line for line in text.splitlines() if line.strip()]
@@ -364,7 +364,7 @@ def compile_library(path: Path, *parts: Path) -> Path:
 
 
 def write_source(path: Path) -> None:
-    """Write the library's source in C, in a process of its own."""
+    """Write the library's source in C, by a process of its own."""
     code = "import sys; from cc_mujoco.native._library import write; write(sys.argv[1])"
     paths = filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
@@ -374,10 +374,11 @@ def write_source(path: Path) -> None:
 def run(
     command: list[str], made: Path, environment: dict[str, str] | None = None
 ) -> None:
-    """Run a command to its end, which makes a file.
+    """Run a command that makes a file.
 
-    It fails with its first error, or else its last line, and a note with its last
-    lines.
+    Raises:
+        NativeLibraryError: it fails. The text is its first error, or else its last
+            line, with a note of its last lines.
     """
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""Warp functions out of the compiled functions of `cc_mujoco.cable`.
+"""Translation of the compiled functions of `cc_mujoco.cable` to Warp.
 
     library = translate([kernel.step, pack.initialize], Known())
     print(library.source)
@@ -80,7 +80,7 @@ class _Library:
         return WarpSource("\n\n".join(parts), self._names)
 
     def require(self, found: Any) -> str:
-        """Translate a function unless that is done; return its name."""
+        """Return the name of a function in Warp, translated at the first request."""
         function = python_function(found)
         assert function is not None
         name = name_of(function)
@@ -189,7 +189,7 @@ class _WarpWriter(Writer):
             self.emit(f"{self.visit(target)} = {text}")
 
     def _initial(self, node: ast.expr) -> str:
-        """Return an expression that may become a variable."""
+        """Return the first value of a name, as an expression that Warp lets change."""
         text = str(self.visit(node))
         if isinstance(node, ast.Constant):
             kind = {bool: "wp.bool", int: "wp.int32"}.get(type(node.value), "variable")

@@ -1,4 +1,4 @@
-"""Cables in mujoco_warp: many worlds at once, on a GPU or a processor.
+"""Cables in mujoco_warp: many worlds at once, on a GPU or a CPU.
 
 Raises:
     ImportError: mujoco_warp is not installed.

@@ -40,7 +40,7 @@ PATH_FUNCTIONS: tuple[Any, ...] = (
 
 
 class Paths(NamedTuple):
-    """Knowledge of the paths of some cables before any step."""
+    """Facts about the paths of cables that are known at compile time."""
 
     # Entry `BENDS_CHANGE` of their parameters; None if they differ.
     bends: float | None = 0.0
@@ -49,7 +49,7 @@ class Paths(NamedTuple):
 
     @property
     def led(self) -> bool:
-        """True where a tendon leads one of the cables."""
+        """True if a tendon guides one of the cables."""
         return self.bends != 0.0
 
 
@@ -73,7 +73,11 @@ def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
 def known_values(
     terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
 ) -> Known:
-    """Return the constants of cables that are known before any step."""
+    """Return the values of cables that are known at compile time.
+
+    `terms` may be on, ends may yield within a step if `yields`; `single` is for
+    float32.
+    """
     packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
     values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
     if paths.bends is not None:
@@ -101,12 +105,12 @@ def known_values(
 def functions(
     real: Any, terms: frozenset[str], yields: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
-    """Return the Warp functions for cables by name.
+    """Return the Warp functions of cables, by name.
 
-    `real` is `wp.float32` or `wp.float64`. Of `terms` those of some parameters may be
-    on; the others are off in every cable and world, and nothing of them is compiled.
-    With `yields` ends may give way within a step, see `_pack.expect_yielding`. Those of
-    `PATH_FUNCTIONS` are there where a tendon leads one of the cables.
+    `real` is `wp.float32` or `wp.float64`. Only `terms` may be on: the others are off
+    in every cable and world and are not compiled. With `yields`, ends may move with
+    their tension within a step, see `_pack.expect_yielding`. `PATH_FUNCTIONS` are
+    included if a tendon guides one of the cables.
     """
     wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
     library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))

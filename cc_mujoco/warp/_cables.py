@@ -41,7 +41,8 @@ class AttachedCables:
             end at the last evaluation [N].
         values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
             of `cable/parameters.csv`; call `repack` after a change.
-        is_evaluated: whether steps or a graph of them have had the cables in them.
+        is_evaluated: True once a step, or a captured graph of steps, has evaluated the
+            cables.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class AttachedCables:
         terms: tuple[str, ...],
         rest_in_pose: bool,
     ) -> None:
-        """Make the arrays of the cables and set the callback; see `attach`."""
+        """Allocate the arrays of the cables and set the callback; see `attach`."""
         if not cables:
             raise CableError("the scene has no cable to attach to mujoco_warp")
         plain = {name: held.cable for name, held in cables.items()}
@@ -88,7 +89,7 @@ class AttachedCables:
         m.callback.act_bias = self._act
 
     def _stiffness(self, cable: Cable, index: int) -> float:
-        """Return the square of step times frequency of the ends; 0 if explicit."""
+        """Return the squared step times frequency of a cable's ends; 0 if explicit."""
         if cable.ends != ENDS[0] or self._step is None:
             return 0.0
         route, prm = self._routes[index], self._packed(index, cable)
@@ -221,15 +222,16 @@ class AttachedCables:
         return used | {"commit": own.commit}
 
     def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
-        """Lay the cables of some worlds at rest at their next evaluation.
+        """Set the cables of some worlds to rest at their next evaluation.
 
-        `mujoco_warp.reset_data` needs no call of it; a reset that keeps the time does.
+        It is not needed after `mujoco_warp.reset_data`, only after a reset that keeps
+        the time.
 
         Args:
             worlds: flags (worlds,), which may lie on the device; all if omitted.
 
         Raises:
-            CableError: they are no flags of all worlds.
+            CableError: `worlds` are not flags of all worlds.
         """
         flags: Any = np.ones(self._worlds, bool) if worlds is None else worlds
         if not isinstance(flags, wp.array):
@@ -244,9 +246,9 @@ class AttachedCables:
         self._launch(of_cables.forget, self._flags, self._rows.stamp)
 
     def vary(self, name: str, **parameters: ArrayLike) -> None:
-        """Give a cable other parameters, in each world its own; nothing is compiled.
+        """Change parameters of a cable, in each world its own; nothing is compiled.
 
-        The pretension is that of the next reset.
+        A changed pretension takes effect at the next reset.
 
         Args:
             name: the cable.
@@ -260,7 +262,7 @@ class AttachedCables:
         self.repack()
 
     def require_allowed(self, name: str, parameters: Mapping[str, ArrayLike]) -> None:
-        """Refuse what `vary` refuses, and change nothing."""
+        """Raise the errors of `vary` for these values, but change nothing."""
         self._varied(name, parameters)
 
     def _varied(
@@ -291,17 +293,18 @@ class AttachedCables:
         return values
 
     def assign(self, name: str, cables: Mapping[int, Cable]) -> None:
-        """Give some worlds cables of their own, conduits too; nothing is compiled.
+        """Replace a cable in some worlds, conduits too; nothing is compiled.
 
-        The others are not touched. The pretension is that of the next reset.
+        Other worlds are not changed. A changed pretension takes effect at the next
+        reset.
 
         Args:
             name: the cable.
-            cables: cables by world; of as many segments and as attached.
+            cables: cables by world, with as many segments as the attached one.
 
         Raises:
             CableError: an unknown cable, a term that is off in the kernel, another
-                kind of cable, or one so stiff that its ends would have to look ahead.
+                kind of cable, or one so stiff that its ends would need implicit steps.
         """
         index = self._index(name)
         own = self._cables[index]
@@ -330,7 +333,7 @@ class AttachedCables:
         write_rows(self.values[index], worlds, given[:, : at.SCALARS])
 
     def repack(self) -> None:
-        """Take over `values`, unchecked; can be captured in a graph."""
+        """Apply changes of `values`, unchecked; it can be captured in a graph."""
         rows = self._rows
         self._launch(self._kernels.repack, rows.segments, self.values, rows.prm)
         if self._led is not None:
@@ -344,7 +347,7 @@ class AttachedCables:
             )
 
     def _require_followed(self, index: int, cable: Cable) -> None:
-        """Refuse ends that look ahead in the plugin where those attached do not."""
+        """Require that the ends need no implicit steps unless those attached do."""
         if (
             self._look[index]
             or self._stiffness(cable, index) <= NEWMARK.stability_limit
@@ -357,7 +360,7 @@ class AttachedCables:
         )
 
     def _require_axis_inside_pulley(self, index: int, cable: Cable) -> None:
-        """Refuse a pulley whose axis lies outside of it, as the plugin does."""
+        """Require that a pulley's axis lies inside of it, as the plugin does."""
         swing = cable.eccentricity + cable.ovality
         radius = abs(float(self._model.actuator_gear[self._actuators_of[index][0], 0]))
         if swing >= radius:
@@ -433,9 +436,9 @@ class AttachedCables:
 
 
 class _LookAhead:
-    """Ends that look ahead in a long step, see `plugin/_implicit_ends.py`.
+    """Prediction of stiff ends over a step (implicit), see `plugin/_implicit_ends.py`.
 
-    Constraints are taken to act as in the step before.
+    Constraint forces are assumed to be those of the step before.
     """
 
     def __init__(
@@ -446,7 +449,7 @@ class _LookAhead:
         look_ahead: Any,
         led: LedCables | None,
     ) -> None:
-        """Make the arrays; `ends` is what each actuator holds, see `add_forces`."""
+        """Allocate the arrays; `ends` is what each actuator holds, see `add_forces`."""
         self._rows, self._led = rows, led
         self.kernels = {
             "add_forces": implicit.add_forces, "moment_row": implicit.moment_row,
@@ -493,9 +496,10 @@ class _LookAhead:
 
 
 def _is_interleaved(device: Any) -> bool:
-    """Return whether rows of neighbouring threads lie beside each other, as on a GPU.
+    """Return whether numbers of neighbouring rows are adjacent, as on a GPU.
 
-    A processor runs one thread after the other: they share scratch, and rows are whole.
+    A CPU runs one thread after the other: threads share scratch, and a row is
+    contiguous.
     """
     return not device.is_cpu
 
@@ -519,10 +523,10 @@ def attach(
 ) -> AttachedCables:
     """Let the cables of a scene act in all worlds of a mujoco_warp model.
 
-    Sets `m.callback.act_bias`; what was there is called before. A cable is laid at rest
-    where the time of a world is before that of the last evaluation, as after
-    `mujoco_warp.reset_data`, and takes one step whenever it is later. Evaluations at
-    the same time do not add up.
+    Sets `m.callback.act_bias`; a callback that was there is called before. A cable is
+    set to rest where the time of a world is before that of the last evaluation, as
+    after `mujoco_warp.reset_data`, and takes one step whenever it is later. Several
+    evaluations at the same time count as one.
 
     Args:
         m: model of `without_plugin(spec)`.
@@ -531,8 +535,8 @@ def attach(
         cables: cables by name, where `source` has none: then it is the compiled model
             that `m` was made of, on any release of MuJoCo that mujoco_warp takes.
         terms: parameters of `Cable` that are off and may be switched on by `vary`.
-        rest_in_pose: whether a reset lays the cables at their pretension in the pose of
-            the world, as `settle` does, and not in `qpos0`.
+        rest_in_pose: True if a reset sets the cables to their pretension in the pose of
+            the world, as `settle` does, instead of in `qpos0`.
 
     Raises:
         CableError: no cable, an end or integrator that is not supported, or a model

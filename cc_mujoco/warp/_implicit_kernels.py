@@ -1,4 +1,4 @@
-"""Kernels of ends that look ahead in a long step, see `plugin/_implicit_ends.py`."""
+"""Kernels that predict stiff ends over a step, see `plugin/_implicit_ends.py`."""
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
 
@@ -18,7 +18,7 @@ def _along(
     moments: Moments, world: int, actuator: int, lever: float,
     vector: wp.array2d(dtype=float),
 ):  # fmt: skip
-    """Return the product of an end's moment and lever with a vector (worlds, nv)."""
+    """Return an end's moment times `lever`, multiplied by a vector (worlds, nv)."""
     total = float(0.0)
     for i in range(moments.moment_rownnz[world, actuator]):
         k = moments.moment_rowadr[world, actuator] + i
@@ -32,7 +32,7 @@ def _add_moment(
     moments: Moments, world: int, actuator: int, force: float,
     total: wp.array2d(dtype=float),
 ):  # fmt: skip
-    """Add the generalised force of an actuator's force (worlds, nv)."""
+    """Add the generalised force of an actuator's `force` to `total` (worlds, nv)."""
     for i in range(moments.moment_rownnz[world, actuator]):
         k = moments.moment_rowadr[world, actuator] + i
         column = moments.moment_colind[world, k]
@@ -53,9 +53,10 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
         found: wp.array2d(dtype=float),
         velocities: wp.array2d(dtype=float),
     ):
-        """Move the ends to where the step takes their tensions, and let them yield.
+        """Extrapolate the displacement of the ends over the step, with a compliance.
 
-        Columns 5 to 8 of `aim` are where the step leads, and how that yields.
+        Columns 5 to 8 of `aim` are the displacements at its end [m], then how much
+        these change with the tensions [m/N].
         """
         cable, world = wp.tid()
         if rows.looks[cable] == 0:
@@ -106,7 +107,7 @@ def moment_row(
     moments: Moments,
     right: wp.array2d(dtype=float),
 ):
-    """Write the generalised force of a unit tension of one end (worlds, nv)."""
+    """Write the generalised force of a unit tension at one end (worlds, nv)."""
     world = wp.tid()
     for i in range(right.shape[1]):
         right[world, i] = 0.0
@@ -129,10 +130,10 @@ def add_forces(
     force: wp.array2d(dtype=float),
     total: wp.array2d(dtype=float),
 ):
-    """Add up the forces of the step, with tensions and constraints as they were.
+    """Sum the forces of the step, with tensions and constraints of the step before.
 
-    `ends` is twice the cable and the end of each actuator; -1 of others, -2 of an end
-    that is tied to the cable's own path.
+    `ends` is twice the cable, plus the end (0, 1), of each actuator; -1 for others, -2
+    for an end that is tied to the cable's own path.
     """
     world = wp.tid()
     for i in range(total.shape[1]):

@@ -1,11 +1,11 @@
 """Kernels that evaluate the cables of all worlds; one thread per cable and world.
 
 Row `cable * worlds + world` of every array belongs to a cable of a world. The state is
-kept twice: committed, of the step before, and pending, of the evaluation made last.
+kept twice: committed, of the step before, and pending, of the last evaluation.
 
 A step has three parts, see `cable/_kernel.py`. On a GPU each is a kernel of its own:
-together they would take more registers than a thread has, and most cables need only
-two of them. A processor calls the three in turn, so that one scratch serves all.
+together they would take more registers than a thread has, and most cables need only two
+of them. A CPU calls the three in turn, so that one scratch serves all.
 """
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
@@ -34,7 +34,7 @@ FOLLOWED, TIED = 1, 2
 
 @wp.struct
 class Moments:
-    """Moments of the actuators on the degrees of freedom, as mujoco_warp has them."""
+    """Moments of the actuators on the degrees of freedom, in mujoco_warp's layout."""
 
     moment_rownnz: wp.array2d(dtype=int)
     moment_rowadr: wp.array2d(dtype=int)
@@ -92,7 +92,7 @@ def kernels(
         moments: Moments,
         gears: wp.array2d(dtype=wp.spatial_vector),
     ):
-        """Commit or reset by the time of the world, and find where the ends are."""
+        """Commit or reset the state by the time of the world, and locate the ends."""
         cable, world = wp.tid()
         fresh, stamp, rest, place = rows.fresh, rows.stamp, rows.rest, rows.place
         row = cable * time.shape[0] + world
@@ -175,7 +175,10 @@ def kernels(
 
     @wp.func
     def needs_another(rows: CableRows, row: int, n: int, attempt: int):
-        """Aim the next attempt, if one is due; see `plugin/_implicit_ends.py`."""
+        """Prepare another attempt at the step; return whether one is needed.
+
+        See `plugin/_implicit_ends.py`.
+        """
         if attempt == ATTEMPTS - 1:
             return False
         now, doubtful, passing = rows.now[row], bool(False), bool(False)
@@ -231,7 +234,7 @@ def kernels(
         h: float,
         attempt: int,
     ):
-        """Take the last part; apply the tensions unless there is another attempt."""
+        """Finish the step; write its forces unless there is another attempt."""
         row, n = cable * rows.worlds + world, rows.segments[cable]
         now, status = rows.now[row], rows.status[row]
         if status != kernel.OK and status != kernel.NOT_FINITE:
@@ -308,7 +311,7 @@ def kernels(
 
 @wp.kernel(module="unique", enable_backward=False)
 def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
-    """Make the next evaluation of some worlds lay their cables at rest."""
+    """Mark worlds whose next evaluation sets their cables to rest."""
     cable, world = wp.tid()
     if mask[world]:
         stamp[cable * mask.shape[0] + world] = wp.inf

@@ -1,4 +1,4 @@
-"""Ends of cables in a model, and the features that mujoco_warp cannot run."""
+"""Ends of cables in a model, and checks for features that mujoco_warp cannot run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cc_mujoco.native import FloatArray
 
 @dataclass(frozen=True)
 class HeldCable:
-    """A cable and the actuators that hold its ends, see `add_end`."""
+    """Cable and the actuators that hold its ends, see `add_end`."""
 
     cable: Cable
     """Cable in a conduit whose bends stay."""
@@ -42,8 +42,9 @@ def add_end(
     Args:
         spec: specification to change.
         name: name of the actuator.
-        radius: signed radius on which a joint winds the cable [m], or the factor of the
-            length of a tendon; a cable moves positive from the motor to the joint.
+        radius: signed radius on which a joint winds the cable [m], or the factor on the
+            length of a tendon; displacement of the cable is positive from the motor to
+            the joint.
         joint: joint that holds the end.
         tendon: spatial tendon that holds the end instead.
 
@@ -93,7 +94,7 @@ def actuators_of(
 
 
 def require_supported(integrator: int) -> None:
-    """Refuse an integrator with which cables cannot run in mujoco_warp."""
+    """Require an integrator with which cables can run in mujoco_warp."""
     if integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise CableError(
             "cables in mujoco_warp take one evaluation a step; set the integrator to "
@@ -102,7 +103,7 @@ def require_supported(integrator: int) -> None:
 
 
 def require_routes(cables: Mapping[str, Cable], routes: Mapping[str, Route]) -> None:
-    """Refuse cables that a tendon leads where it is not known how."""
+    """Require a route for each cable whose path is that of a tendon."""
     for name, cable in cables.items():
         for key, usual in (("bend", BENDS[0]), ("path", PATHS[0])):
             if name not in routes and getattr(cable, key) != usual:
@@ -131,7 +132,7 @@ def require_plain(
 
 
 def require_shared_positions(m: mjw.Model) -> None:
-    """Refuse worlds that differ in positions on which paths in `qpos0` depend."""
+    """Require that all worlds have the positions on which paths in `qpos0` depend."""
     for name in (
         "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
         "geom_quat", "geom_size",
@@ -147,7 +148,7 @@ def require_shared_positions(m: mjw.Model) -> None:
 def end_rate(
     model: mujoco.MjModel, prm: FloatArray, n: int, actuator: int, end: int
 ) -> float:
-    """Return the square of the frequency of an end that friction holds [1/s^2]."""
+    """Return the squared frequency of an end while friction holds the rest [1/s^2]."""
     target = model.actuator_trnid[actuator, 0]
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         dof = model.jnt_dofadr[target]

@@ -1,7 +1,7 @@
-"""Kernels of cables that a tendon leads: along an open path, or by its bends.
+"""Kernels of cables guided by a tendon: along an open path, or by its bends.
 
 The path is that of the tendon in mujoco_warp's data. A row belongs to a cable of a
-world, as in `_kernels.py`; rows of cables that nothing leads are left as they are.
+world, as in `_kernels.py`; rows of cables without a tendon are not changed.
 """
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
@@ -26,7 +26,7 @@ from cc_mujoco.warp._place_kernels import (
 
 @wp.struct
 class PathRows:
-    """Tendons that lead the cables, and their paths."""
+    """Tendons that guide the cables, and their paths."""
 
     # Index of the tendon, -1 where nothing leads a cable (cables,).
     tendons: wp.array(dtype=int)
@@ -73,8 +73,7 @@ def _draw(
 ):
     """Add the force of a piece on its first body, and the opposite on its second.
 
-    A degree of freedom that moves both bodies does not feel it. Points are from
-    `origin`.
+    Degrees of freedom that move both bodies get none. Points are relative to `origin`.
     """
     i = int(paths.last_dofs[first_body])
     j = int(paths.last_dofs[second_body])
@@ -172,7 +171,7 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         centres: wp.array2d(dtype=wp.vec3),
         motions: wp.array2d(dtype=wp.spatial_vector),
     ):
-        """Find the forces of all pieces, in the pending or the committed state."""
+        """Compute the forces of all pieces, in the pending or the committed state."""
         cable, world = wp.tid()
         row, n = cable * rows.worlds + world, rows.segments[cable]
         guided, tendon = paths.guided[cable], paths.tendons[cable]
@@ -243,7 +242,7 @@ def add_pulls(
     pulls: wp.array2d(dtype=float),
     total: wp.array2d(dtype=float),
 ):
-    """Add the forces of all cables' pieces, in their order (worlds, nv)."""
+    """Add the forces `pulls` of all cables to `total` (worlds, nv), in order."""
     world, i = wp.tid()
     whole = total[world, i]
     for cable in range(cables):

@@ -1,4 +1,4 @@
-"""Arrays of the cables that a tendon leads, and how their kernels are launched."""
+"""Arrays of the cables that tendons guide, and launches of their kernels."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from cc_mujoco.warp._place_kernels import Links, Pose
 
 
 class Views:
-    """Structure of arrays of a model and, from a field on, its data.
+    """Warp structure of arrays of a model and, from field `of_data` on, of its data.
 
-    It is made anew where an array is another one.
+    It is rebuilt when one of the arrays has been replaced.
     """
 
     def __init__(self, kind: Any, of_data: str) -> None:
@@ -52,7 +52,7 @@ def links_of(
     bodies: NDArray[np.int32],
     device: Any,
 ) -> tuple[Any, int]:
-    """Return the `Links` of tendons that lead cables, and the most of one."""
+    """Return the `Links` of tendons that guide cables, and their largest number."""
     starts, numbers, carriers = np.zeros((3, model.ntendon), np.int32)
     places = np.full(bodies.size, -1, np.int32)
     linked: list[int] = []
@@ -81,7 +81,7 @@ def links_of(
 
 
 class LedCables:
-    """Led cables of all worlds, among those that nothing leads.
+    """Cables of all worlds that tendons guide.
 
     Attributes:
         rows: their arrays.
@@ -99,10 +99,10 @@ class LedCables:
         matrix: Callable[..., Any],
         kernels: tuple[frozenset[str], bool, Paths],
     ) -> None:
-        """Make the arrays.
+        """Allocate the arrays.
 
-        `routes` are None where no tendon leads the cable. `matrix` makes an array of so
-        many columns, and of planes before it, with a row for each cable and world;
+        `routes` are None for cables without a tendon. `matrix` makes an array with this
+        number of columns, and of planes before it, and a row for each cable and world;
         `kernels` are arguments of `path_kernels`.
         """
         own = path_kernels(*kernels)
@@ -165,7 +165,7 @@ class LedCables:
         return wp.array(values, dtype=dtype, device=self._device)
 
     def reference_row(self, route: Route, cable: Cable) -> NDArray[np.float32]:
-        """Return a row of `reference` for a cable that may have another conduit."""
+        """Return a row of `reference` for a cable whose conduit may differ."""
         row = np.zeros(self._size, np.float32)
         own = route.reference_of(cable)
         row[: own.size] = own
@@ -189,7 +189,7 @@ class LedCables:
     def pull(self, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any) -> None:
         """Add the forces of the pieces to those on the degrees of freedom (worlds, nv).
 
-        With `is_pending` the tensions are those after the step, not before it.
+        With `is_pending` the tensions are those after the step, otherwise those before.
         """
         if not self._has_open:
             return

@@ -1,10 +1,10 @@
 """Places of a path, measured from a body close to it.
 
-Far from the origin, positions of single precision are coarse: 4 µm at 100 m. The bodies
-of a path are therefore placed anew, from the body that carries the whole path: along
-the chain from there, distances stay short. The points at which a path touches a geom
-are those of mujoco_warp, put back on the surface. That they are coarse along it changes
-no length, because of all paths over the surface this is the shortest.
+Far from the origin, positions of single precision are coarse: 4 µm at 100 m. So the
+bodies of a path are placed relative to the body that carries the whole path: along the
+kinematic chain from there, distances stay short. The points at which a path touches a
+geom are those of mujoco_warp, projected onto the surface. Their error along the surface
+changes no length to first order, as the path is the shortest of all over the surface.
 """
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
@@ -19,7 +19,7 @@ from cc_mujoco.cable import _path_geometry as geometry
 
 @wp.struct
 class Links:
-    """Bodies that carry the places of paths, without those that carry a whole path."""
+    """Bodies between the places of paths and the body that carries a whole path."""
 
     starts: wp.array(dtype=int)  # first link of each tendon (tendons,)
     # Links of each tendon, parents before children (tendons,).
@@ -34,7 +34,7 @@ class Links:
 
 @wp.struct
 class Pose:
-    """Arrays of a model and its data that place bodies, sites and geoms."""
+    """Arrays of a model and its data that give the pose of bodies, sites and geoms."""
 
     body_parentid: wp.array(dtype=int)
     body_jntnum: wp.array(dtype=int)
@@ -80,13 +80,13 @@ def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
 
 @wp.func
 def _turn_of(q: wp.quat):
-    """Return a quaternion of MuJoCo, whose real part is the first, as one of Warp."""
+    """Return MuJoCo's quaternion, real part first, as one of Warp."""
     return wp.quat(q[1], q[2], q[3], q[0])
 
 
 @wp.func
 def _turn_about(axis: wp.vec3, angle: float):
-    """Return the turn about an axis; sine and cosine of Warp would need a stack."""
+    """Return the rotation about an axis; sine and cosine of Warp would need a stack."""
     half = 0.5 * angle
     half -= wp.static(math.pi) * wp.round(half * wp.static(1.0 / math.pi))
     q = half * half  # up to (pi / 2)^2; the opposite quaternion is the same turn
@@ -146,9 +146,10 @@ def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.qu
 def locate(
     links: Links, pose: Pose, tendon: int, world: int, near: wp.array(dtype=float)
 ):
-    """Place the links of a tendon, from a point that its first link has at rest.
+    """Place the links of a tendon, relative to a point of its first link at rest.
 
-    `near` becomes that point in the world, and the vectors from there to all links.
+    `near` becomes that point in the world, followed by the vectors from it to all
+    links.
     """
     start = links.starts[tendon]
     carrier = links.carriers[tendon]
@@ -177,7 +178,7 @@ def _attached(
     links: Links, pose: Pose, tendon: int, world: int, place: int, own: wp.vec3,
     near: wp.array(dtype=float),
 ):  # fmt: skip
-    """Return where a point of the body at a place is, from the point of `near`."""
+    """Return the vector from the point of `near` to a point of the body at a place."""
     link, start = links.places[place], links.starts[tendon]
     if link >= 0:
         turn = _turn_of(pose.xquat[world, links.bodies[start + link]])
@@ -190,7 +191,7 @@ def _attached(
 
 @wp.func
 def _on_surface(kind: float, radius: float, axis: wp.vec3, arm: wp.vec3):
-    """Return the point of a sphere or a cylinder that is closest to one near it."""
+    """Return the point on a sphere or cylinder closest to `arm`, from its centre."""
     along = wp.vec3(0.0, 0.0, 0.0)
     if kind != geometry.SPHERE:
         along = wp.dot(arm, axis) * axis
@@ -217,7 +218,10 @@ def read_places(
     near: wp.array(dtype=float),
     places: wp.array(dtype=float),
 ):
-    """Write the places of a path, from the point of `near`; see `_path_geometry.py`."""
+    """Write the places of a path, relative to the point of `near`.
+
+    Their layout is that of `_path_geometry.py`.
+    """
     locate(links, pose, tendon, world, near)
     points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]
     point = int(pose.ten_wrapadr[world, tendon])

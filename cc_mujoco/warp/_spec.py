@@ -1,6 +1,6 @@
-"""Scenes for mujoco_warp, which takes no engine plugins.
+"""Scenes for mujoco_warp, which supports no engine plugins.
 
-Apart from `_model.py`, which works where MuJoCo is too old for the plugin.
+`_model.py` is separate, as it works with MuJoCo releases too old for the plugin.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from cc_mujoco.warp._model import HeldCable, force_of_callback, require_supporte
 
 
 def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return a copy of a specification whose cable ends any MuJoCo can hold.
+    """Return a copy of a specification whose cable ends are plain actuators.
 
-    The two actuators of each cable keep names, order, `gear` and what they pull; their
-    force is one that the user gives (`biastype="user"`) and 0 until `attach` does.
-    Sensors of these forces stay. Tendons that draw a conduit stay as well.
+    The two actuators of each cable keep names, order, `gear` and transmission; their
+    force is user-defined (`biastype="user"`) and 0 until `attach`. Sensors of these
+    forces stay. Tendons that draw a conduit stay as well.
 
     Args:
         spec: specification with cables; not changed.
@@ -49,7 +49,7 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
 def held_cables(
     source: mujoco.MjSpec | mujoco.MjModel,
 ) -> tuple[mujoco.MjModel, dict[str, HeldCable], dict[str, Route]]:
-    """Return the compiled scene, its cables with ends, and the tendons' routes."""
+    """Return the compiled scene, its cables with their ends, and tendon routes."""
     cables = from_mjcf(source)
     option = source.opt if isinstance(source, mujoco.MjModel) else source.option
     require_supported(int(option.integrator))

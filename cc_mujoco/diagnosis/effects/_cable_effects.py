@@ -310,7 +310,7 @@ CABLE_EFFECTS = (
 
 
 class ClampCreep:
-    """Conduit that slips in its clamps under large tension, and stays displaced."""
+    """Conduit that slides in its clamps under large tension, and stays there."""
 
     equation = (
         "ds/dt = c max(T - F, 0), the path shorter by s; s = 0 at a trial's start"

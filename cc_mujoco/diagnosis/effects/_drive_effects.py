@@ -347,7 +347,7 @@ class CurrentRipple:
 
 
 class JointFriction:
-    """Dry friction of the joint, as `frictionloss` of MJCF, with elastic wind-up."""
+    """Dry friction of the joint, as `frictionloss` of MJCF, that may wind up."""
 
     equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1) or tanh(q' / v)"
     forms = ("wound up", "lubricated")
@@ -403,7 +403,7 @@ class CoupledNeighbour:
 
 
 class LeverGeometry:
-    """Moment arm at the joint that differs from the arm in the scene."""
+    """Moment arm at the joint that differs from that of the scene."""
 
     equation = "r_j (1 + a q + b q^2)"
     source = "geometry"
@@ -526,7 +526,7 @@ SENSOR_EFFECTS = (
 
 
 class SensorCrossTalk:
-    """Torque sensors that each show a share of the other's torque as well."""
+    """Torque sensors that also show a share of each other."""
 
     equation = "tau_m + a tau_j, tau_j + b tau_m"
     source = "calibration"

@@ -19,7 +19,7 @@ from cc_mujoco.warp import AttachedCables, HeldCable, add_end, attach
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenCable:
-    """A cable from the drum of a motor to a joint."""
+    """Cable from the drum of a motor to a joint."""
 
     cable: Cable
     """Conduit, friction and stiffness; its bends stay (`bend="fixed"`)."""
@@ -37,7 +37,7 @@ class DrivenCable:
     """Spatial tendon instead of a pulley: the free rope from the conduit to a lever."""
 
     def __post_init__(self) -> None:
-        """Require one kind of distal end."""
+        """Require exactly one kind of distal end."""
         if (self.joint is None) == (self.tendon is None):
             raise CableError("a DrivenCable needs either a joint or a tendon")
         if (self.joint is None) != (self.pulley is None):
@@ -67,7 +67,7 @@ class CableActuatorCfg(ActuatorCfg):
     else in the pose `qpos0`, and the world starts with what that pose makes of it."""
 
     def __post_init__(self) -> None:
-        """Refuse an object that is no drive."""
+        """Require joints as targets, a cable, and a `motor_lag` of 0 or more [s]."""
         super().__post_init__()
         if self.transmission_type != TransmissionType.JOINT:
             raise CableError("the targets of CableActuatorCfg are joints of motors")
@@ -79,7 +79,7 @@ class CableActuatorCfg(ActuatorCfg):
     def build(
         self, entity: Any, target_ids: list[int], target_names: list[str]
     ) -> CableActuator:
-        """Return the actuator."""
+        """Return the actuator that mjlab makes of this configuration."""
         return CableActuator(self, entity, target_ids, target_names)
 
 
@@ -89,8 +89,8 @@ class CableActuator(Actuator):
     Attributes:
         cables: the cables in all worlds, once mjlab has initialised the actuator.
         names: names of the cables, in the order of `tension`.
-        tension: tension at the proximal and distal ends (worlds, cables, 2) [N]; no
-            copy.
+        tension: tension at the proximal and distal ends (worlds, cables, 2) [N], not
+            copied.
         values: parameters (cables, worlds, parameters), see `AttachedCables.values`.
     """
 
@@ -110,7 +110,7 @@ class CableActuator(Actuator):
         self._has_missed_graph = False
 
     def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
-        """Add the motors named, and the ends of the cables that they wind.
+        """Add the named motors, and the ends of the cables that they wind, to `spec`.
 
         Raises:
             CableError: a cable names no target as its motor, or no joint or tendon.
@@ -129,7 +129,7 @@ class CableActuator(Actuator):
     def initialize(
         self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str
     ) -> None:
-        """Attach the cables; a graph captured before does not have them."""
+        """Attach the cables; graphs captured before do not include them."""
         super().initialize(mj_model, model, data, device)
         held = {
             name: HeldCable(drive.cable, *(int(end.id) for end in self._ends[name]))
@@ -155,7 +155,7 @@ class CableActuator(Actuator):
         """Return the torques of the motors (worlds, motors) [N m].
 
         Raises:
-            CableError: the steps that mjlab captured do not have the cables in them.
+            CableError: the steps that mjlab captured do not include the cables.
         """
         self._computed += 1
         if self._computed > 1 and not self.cables.is_evaluated:
@@ -168,13 +168,13 @@ class CableActuator(Actuator):
         return self._effort if self.cfg.motor_lag > 0.0 else self._target
 
     def update(self, dt: float) -> None:
-        """Let the torques follow their commands over a step."""
+        """Advance the lag of the motors' torques behind their commands by `dt` [s]."""
         if self.cfg.motor_lag > 0.0:
             share = -math.expm1(-dt / self.cfg.motor_lag)
             self._effort += share * (self._target - self._effort)
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
-        """Lay the cables of some worlds at rest, and let their motors go."""
+        """Set the cables of some worlds to rest, and their motors to zero torque."""
         super().reset(env_ids)
         worlds = slice(None) if env_ids is None else env_ids
         self._effort[worlds] = 0.0

@@ -41,7 +41,7 @@ def cable_tension(
 
 
 def capture_cables(env: Any, env_ids: torch.Tensor | None = None) -> None:
-    """Capture the graphs of a simulation anew, with its cables in them.
+    """Capture the graphs of a simulation again, now with its cables.
 
     An event of mode `"startup"`; without a GPU it does nothing.
     """
@@ -101,4 +101,4 @@ class randomize_cables:
             actuator.cables.repack()
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
-        """Keep the values; mjlab calls this of every term that is a class."""
+        """Keep the values; mjlab calls this for every term that is a class."""

@@ -5,9 +5,8 @@
 
 mjlab imports this module where the package is installed. Legs, walking policy, motors
 and cables are those of `cc_mujoco/Walking-v0`, see `cc_mujoco.envs.WalkingEnv`; the
-person is planar and expects the help of earlier strides. A policy commands the torques
-of the motors and is rewarded for the metabolic power that the joints of the person need
-not give.
+person is planar and adapts to the assistance of earlier strides. A policy commands the
+torques of the motors and is rewarded for the metabolic power that it saves the person.
 """
 
 from __future__ import annotations
@@ -70,8 +69,8 @@ _STARTS = np.linspace(0.1, 0.4, 31)
 class WalkCfg(ActionTermCfg):
     """Walking policy of the person: an action term without actions.
 
-    The joints of the entity need actuators with the stiffness and damping of the
-    policy, whose targets of angle and rate stay 0 and whose effort is commanded.
+    The entity's joints need actuators with the stiffness and damping of the policy.
+    Their targets of angle and rate stay 0, and the policy commands their effort.
     """
 
     policy: WalkingPolicy | None = None
@@ -80,12 +79,12 @@ class WalkCfg(ActionTermCfg):
     """Part of the expected help that the person leaves out, see `WalkingEnv`."""
 
     def build(self, env: Any) -> Walker:
-        """Return the term."""
+        """Return the action term of this configuration."""
         return Walker(self, env)
 
 
 class Walker(ActionTerm):
-    """Term of a `WalkCfg`."""
+    """Action term that runs the walking policy of a `WalkCfg`."""
 
     def __init__(self, cfg: WalkCfg, env: Any) -> None:
         """Find joints and sensors, and tabulate the poses to start from."""
@@ -156,20 +155,20 @@ class Walker(ActionTerm):
 
     @property
     def load(self) -> torch.Tensor:
-        """Force of the ground on the feet over the weight (worlds, legs) [-]."""
+        """Ground force on the feet over the body weight (worlds, legs) [-]."""
         loads = self._env.sim.data.sensordata[:][:, self._loads]
         return loads.view(-1, 2, 2).sum(dim=2) / self._weight
 
     @property
     def help(self) -> torch.Tensor:
-        """Torques of the ropes on the ankles (worlds, legs) [N m]."""
+        """Torques of the exoskeleton's ropes on the ankles (worlds, legs) [N m]."""
         every = self._env.sim.data.qfrc_actuator[:][:, self._dof[[2, 5]]]
         help_: torch.Tensor = every - self.torque[:, :, 2]
         return help_
 
     @property
     def fallen(self) -> torch.Tensor:
-        """Worlds in which the person cannot go on (worlds,)."""
+        """Flags of the worlds in which the person has fallen (worlds,)."""
         position = self._entity.data.joint_pos
         _, height, pitch = self._root
         stands = (position[:, height].abs() < WalkingBody.MAX_DROP) & (
@@ -178,7 +177,7 @@ class Walker(ActionTerm):
         return ~stands
 
     def apply_actions(self) -> None:
-        """Command the muscles, every `MUSCLE_PERIOD`."""
+        """Update the person's joint torques, every `MUSCLE_PERIOD` [s]."""
         if self._substep % self._every == 0:
             data, (forward, _, pitch) = self._entity.data, self._root
             self.expected.observe(self.person.phase, self.help)
@@ -200,7 +199,7 @@ class Walker(ActionTerm):
         self._entity.set_joint_effort_target(self._control, joint_ids=self._joints)
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
-        """Start some worlds in a random part of a step."""
+        """Start the person of some worlds at a random phase of a step."""
         worlds = torch.arange(self.num_envs, device=self.device)
         worlds = worlds if env_ids is None else worlds[env_ids]
         chosen = torch.randint(len(_STARTS), (len(worlds),), device=self.device)
@@ -219,7 +218,7 @@ class Walker(ActionTerm):
 
 
 def _starting_poses(policy: WalkingPolicy) -> tuple[float, np.ndarray[Any, Any]]:
-    """Return the weight [N], and poses by part of a step (starts, 15).
+    """Return the weight [N], and poses over one step (starts, 15).
 
     A pose has angles and velocities of the joints, height, pitch and speed.
     """
@@ -240,7 +239,7 @@ def _starting_poses(policy: WalkingPolicy) -> tuple[float, np.ndarray[Any, Any]]
 
 
 def walker(env: Any, term: str = "person") -> Walker:
-    """Return the walking person of an environment."""
+    """Return the `Walker` of an environment."""
     found: Walker = env.action_manager.get_term(term)
     return found
 
@@ -252,7 +251,7 @@ def gait_phase(env: Any, term: str = "person") -> torch.Tensor:
 
 
 def foot_load(env: Any, term: str = "person") -> torch.Tensor:
-    """Observe the force of the ground over the weight, (worlds, 2)."""
+    """Observe the ground force on each foot over the body weight (worlds, 2)."""
     return walker(env, term).load
 
 
@@ -281,7 +280,7 @@ def walking_legs() -> mujoco.MjSpec:
 
 
 def _robot() -> EntityCfg:
-    """Return the person with muscles and exoskeleton."""
+    """Return the mjlab entity of the person with muscles and exoskeleton."""
     policy = WalkingPolicy.read(POLICY)
     muscles = tuple(
         IdealPdActuatorCfg(
@@ -315,7 +314,7 @@ def _robot() -> EntityCfg:
 
 
 def environment(play: bool = False) -> ManagerBasedRlEnvCfg:
-    """Return the configuration of the environment; in play a person walks on."""
+    """Return the configuration of the environment; in play no episode times out."""
     ankles = SceneEntityCfg("robot", joint_names=(".*_ankle",))
     drums = SceneEntityCfg("robot", joint_names=MOTORS)
     joints = (

@@ -1,1 +1,1 @@
-"""Helpers shared by all subpackages: files, units, checks of arguments."""
+"""Helpers shared by all subpackages: files, units, argument checks, provenance."""

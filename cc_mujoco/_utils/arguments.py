@@ -1,4 +1,4 @@
-"""Arguments of public calls: one sentence where one has the wrong type or shape."""
+"""Checks of the arguments of public calls, each with a one-sentence error."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def numbers(
 ) -> FloatArray:
     """Return an argument as an array of finite numbers.
 
-    `label` is the subject of the error. Another shape, None for any, and numbers above
-    `high` in size are refused.
+    Raises `CableError`, whose subject is `label`, if the shape differs from `shape`
+    (None for any) or a number's absolute value exceeds `high`.
     """
     try:
         found = np.asarray(given)

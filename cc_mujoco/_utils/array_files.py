@@ -1,8 +1,8 @@
 """Columns of numbers from MATLAB and HDF5 files: variables, fields, datasets.
 
-A column is called by its path, `data.time_s` in MATLAB and `data/time_s` in HDF5. Of a
-matrix with a row per sample every column counts, in the notation of the language:
-`q(:,1)` and `q[:,0]` are the first. Files of version 7.3 and HDF5 need h5py.
+A column is named by its path, `data.time_s` in MATLAB and `data/time_s` in HDF5. The
+columns of a matrix with a row per sample are named in the notation of the language:
+`q(:,1)` and `q[:,0]` are the first. MATLAB files of version 7.3 and HDF5 need h5py.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class _Array(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Its shape, without axes of length 1."""
+        """Shape of the array as its language has it, without axes of length 1."""
         shape = self.data.shape[::-1] if self.turned else self.data.shape
         return tuple(n for n in shape if n != 1)
 
@@ -48,7 +48,7 @@ def column_names(path: Path) -> list[str]:
 def read_columns(
     path: Path, names: Iterable[str], _switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return the columns of a file (rows,) by name, which may differ in length."""
+    """Return columns (rows,) of a file by name; their lengths may differ."""
     with _arrays(path) as arrays:
         places = _columns(path, arrays)
         return {name: places[name][0].column(places[name][1]) for name in names}

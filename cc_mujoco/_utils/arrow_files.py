@@ -1,7 +1,7 @@
 """Columns of numbers from CSV and Parquet files, streamed by pyarrow.
 
-Of a large file no more is held than the columns wanted. `csv_files` says what forms CSV
-may have.
+Only the wanted columns of a large file are held in memory. For the forms of CSV see
+`csv_files`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def column_names(path: Path) -> list[str]:
 def read_columns(
     path: Path, names: list[str], switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return the columns of a file as numbers, NaN where missing; see `tables`."""
+    """Return columns of a file as numbers (rows,), NaN where missing; see `tables`."""
     with one_sentence(path, kind=pa.ArrowException):
         if path.suffix.lower() == ".parquet":
             return _join_batches(names, _parquet_batches(path, names))
@@ -123,7 +123,7 @@ def _csv_error(
     switches: Iterable[str],
     error: Exception,
 ) -> CableError:
-    """Return the error for a CSV file that is not all numbers, with the place."""
+    """Return the error for a CSV file with text among numbers, with its place."""
     rows = 0
     try:
         for batch in _csv_batches(path, form, names, names):

@@ -1,7 +1,7 @@
-"""Writing to disk: whole or not at all, and never over a user's file.
+"""Writing of files: complete or not at all, and never over a file of the user.
 
-A folder is ours once it holds the mark of an earlier run, a file whose content names
-its writer; each subpackage knows its own. Any other folder must be empty.
+A folder may be written to if it holds the mark of an earlier run (a file whose content
+names its writer, defined by each subpackage), or if it is empty.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ MANIFEST = ".written"
 
 
 def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
-    """Find out, before long work, whether results may be written to a folder.
+    """Raise `CableError`, before long work, if results must not go into a folder.
 
-    It need not be there; `ours` returns whether it has the mark of an earlier run. Else
-    nothing may be in it but hidden files and empty folders.
+    It need not exist. `ours` returns whether it has the mark of an earlier run; without
+    the mark it may hold only hidden files and empty folders.
     """
     require_writable(folder)
     place = Path(folder)
@@ -50,9 +50,9 @@ def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -
 
 
 def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
-    """Find out, before long work, whether a file may be written or replaced.
+    """Raise `CableError`, before long work, if a file must not be written or replaced.
 
-    It need not be there; `ours` returns whether a file is of an earlier run.
+    It need not exist; `ours` returns whether an existing file is of an earlier run.
     """
     if os.path.lexists(path) and not ours(path):
         raise CableError(
@@ -68,7 +68,7 @@ def checksum_line(path: Path) -> str:
 
 
 def write_manifest(folder: Path, names: Iterable[str]) -> None:
-    """Keep the checksums of the files that were written to a folder."""
+    """Write the checksums of a folder's files `names` into its `MANIFEST`."""
     there = [folder / name for name in names if (folder / name).is_file()]
     manifest = "".join(f"{checksum_line(path)}\n" for path in there)
     with replacing(folder / MANIFEST) as partial:
@@ -78,11 +78,10 @@ def write_manifest(folder: Path, names: Iterable[str]) -> None:
 def require_unmodified(
     folder: str | os.PathLike[str], names: Iterable[str], record: str | None = None
 ) -> None:
-    """Require that no file is replaced or deleted that was changed after writing.
+    """Raise `CableError` if one of these files was changed after a run wrote it.
 
-    `record` is a text of an earlier run with the lines of `checksum_line`, that of its
-    `MANIFEST` unless given. A run that was interrupted has left none, and then nothing
-    is looked at.
+    `record` is text with the lines of `checksum_line`, by default the folder's
+    `MANIFEST`. Nothing is checked without it, as after an interrupted run.
     """
     if record is None:
         try:
@@ -178,7 +177,7 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _sibling_path(target: Path) -> Path:
-    """Return where to write a file or folder; remove what dead processes left of it."""
+    """Return a temporary path beside `target`; remove those of dead processes."""
     begin = f".{target.name}.{_host()}-"
     with suppress(OSError):  # there is no folder yet, or it cannot be read
         for name in os.listdir(target.parent):
@@ -194,7 +193,7 @@ def _sibling_path(target: Path) -> Path:
 
 @cache
 def _host() -> str:
-    """Return a digest of this machine's name, as others may write to the same disk."""
+    """Return a digest of this machine's name, as machines may share the disk."""
     return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 
@@ -212,7 +211,7 @@ def _is_dead(process: str) -> bool:
 
 @contextmanager
 def _name_failures(target: Path) -> Iterator[None]:
-    """Name the file in the error when writing fails; a full disk does not name it."""
+    """Turn an `OSError` into a `CableError` that names the file, as of a full disk."""
     try:
         yield
     except OSError as error:

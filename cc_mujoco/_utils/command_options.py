@@ -1,4 +1,4 @@
-"""Common parts of the commands: options described in words, and a bar."""
+"""Parts that the commands share: types of options, and progress bars."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cc_mujoco.errors import CableWarning
 
 
 def option_help(metavar: str | None = None) -> object:
-    """Return an option whose help has no "(default: None)" or "(default: )" of tyro."""
+    """Return a tyro option whose help omits "(default: None)" and "(default: )"."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
@@ -36,16 +36,17 @@ Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], option_help()]
 
 
 class _Lines:
-    """Standard error for a bar of tqdm, some states of which are lines of their own."""
+    """Standard error for a tqdm bar without a terminal: a line from time to time."""
 
     def __init__(self) -> None:
         self._due = 0.0
         self._held = ""
 
     def write(self, text: str) -> None:
-        """Write a state; what only moves or clears the cursor is left out.
+        """Write a state of the bar as a line, without cursor movements.
 
-        Between two lines there are at least `PROGRESS_INTERVAL`, but before the last.
+        States within `PROGRESS_INTERVAL` of the last line are dropped, except the
+        final.
         """
         self._held = text.strip("\r\n").rstrip() or self._held
         if self._held and (text == "\n" or perf_counter() >= self._due):
@@ -57,7 +58,7 @@ class _Lines:
 
 
 def progress_options() -> dict[str, Any]:
-    """Return options of a bar of tqdm: where there is no terminal, a line at times."""
+    """Return options of tqdm: {} on a terminal, else those that write few lines."""
     if sys.stderr.isatty():
         return {}
     first = min(2.0, PROGRESS_INTERVAL)
@@ -66,9 +67,9 @@ def progress_options() -> dict[str, Any]:
 
 @contextmanager
 def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
-    """Show how far an episode is; yields what takes its time [s].
+    """Show the progress of an episode of length `total` [s]; no bar if that is 0.
 
-    `total` is its length [s]; of nothing, no bar is shown.
+    Yields a function to call with the simulated time reached [s].
     """
     from tqdm import tqdm
 
@@ -85,7 +86,7 @@ def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], obj
 
 @contextmanager
 def progress_word(text: str) -> Iterator[None]:
-    """Show a word for a long task and its elapsed time."""
+    """Show `text` and the elapsed time during a long task."""
     from tqdm import tqdm
 
     layout = {"bar_format": "{desc}  {elapsed}", "leave": False}
@@ -95,7 +96,7 @@ def progress_word(text: str) -> Iterator[None]:
 
 @contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Show the package's warnings as lines on standard error, each once."""
+    """Print each of the package's warnings once, as a line on standard error."""
     usual, shown = warnings.showwarning, set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
@@ -113,7 +114,7 @@ def plain_warnings() -> Iterator[None]:
 
 @contextmanager
 def video_progress_bar(total: float) -> Iterator[Callable[[float], object]]:
-    """Show how far a video is, as `progress_bar`, then how fast it was made."""
+    """Show a video's progress as `progress_bar` does, then print its speed."""
     begun = taken = worked = 0.0
     show: Callable[[float], object] = float
 

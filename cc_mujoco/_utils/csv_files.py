@@ -3,7 +3,7 @@
     sheet = read_sheet("costs.csv")
     [(row.line, row.cells) for row in sheet.rows]
 
-`tables` reads columns of numbers, also of files that are too large to hold.
+`tables` reads columns of numbers, also from files too large for memory.
 
 Cells may be separated by commas, semicolons, tabs or bars; numbers may have decimal
 commas unless commas separate the cells. Text is UTF-8, UTF-16 with a byte order mark,
@@ -36,7 +36,7 @@ class Layout(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A line of data."""
+    """A row of data: its line number in the file, and its cells."""
 
     line: int  # its number in the file, from 1
     cells: list[str]  # stripped, with decimal points
@@ -54,11 +54,10 @@ def read_sheet(
     what: str = "",
     require: Callable[[int], None] = lambda lines: None,
 ) -> Sheet:
-    """Read a whole CSV file.
+    """Read a whole CSV file as text.
 
-    `what` it holds is for the sentence where it cannot be read, such as `the costs`.
-    `require` is called with the number of lines below the names, before they are
-    parsed, so that a caller may refuse so many.
+    `what` names the content in an error, such as `the costs`. `require` is called with
+    the number of rows before they are parsed, and may raise if they are too many.
     """
     path = Path(path)
     try:
@@ -90,7 +89,7 @@ def read_sheet(
 
 
 def layout(path: Path, head: bytes) -> Layout:
-    """Find out the form of a CSV file by its first bytes, see `HEAD_BYTES`."""
+    """Return the encoding, separator and head of a CSV file by its first bytes."""
     encoding = "utf-8"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"

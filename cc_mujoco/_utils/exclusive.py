@@ -1,4 +1,4 @@
-"""Objects that one thread at a time may use, as compiled code works in their memory."""
+"""Protection of objects whose memory compiled code uses: one thread at a time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def exclusive(method: Method) -> Method:
-    """Refuse calls of a method while another thread is inside one of the same object.
+    """Make a method raise while another thread runs such a method of the same object.
 
-    Compiled functions run without Python's lock: two that share memory would leave
-    wrong numbers there, or crash.
+    Compiled functions run without Python's lock (GIL): two that share memory would
+    write wrong numbers there, or crash.
     """
 
     @functools.wraps(method)

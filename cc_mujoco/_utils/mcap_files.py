@@ -1,11 +1,11 @@
 """Columns of numbers from MCAP files, the recordings of ROS 2 and of Foxglove.
 
 A column has the name of its topic and field, `/joint_states/position[0]`, as in
-PlotJuggler. A message that names the elements of its arrays, such as
-`sensor_msgs/JointState`, names the columns as well: `/joint_states/position/knee`.
-There is a row for every message, with NaN in the columns of other topics. `__time` is
-the time at which a message was recorded [s]. Messages of ROS 2 and in JSON are decoded.
-The libraries mcap and mcap-ros2-support are needed.
+PlotJuggler. If a message names the elements of its arrays, as `sensor_msgs/JointState`
+does, these are used: `/joint_states/position/knee`. There is a row for every message,
+with NaN in the columns of other topics. `__time` is the time at which a message was
+recorded [s]. Messages of ROS 2 and in JSON are decoded. The libraries mcap and
+mcap-ros2-support are needed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def read_columns(
 
 
 def _table(path: Path) -> dict[str, FloatArray]:
-    """Return all columns of a file, which is read once for its names and contents."""
+    """Return all columns (messages,) of a file by name, from a cache after one read."""
     with one_sentence(path, "`mcap recover` keeps what is whole"):
         seen = path.stat()
         return _read_table(path, seen.st_mtime_ns, seen.st_size)
@@ -69,7 +69,7 @@ def _read_table(path: Path, _modified: int, _size: int) -> dict[str, FloatArray]
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
-    """Yield topic, encoding, time [ns] and content of each message, None if unknown."""
+    """Yield each message's topic, encoding, time [ns] and content (None if unknown)."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -115,7 +115,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
 
 
 def _labels(names: object) -> list[str]:
-    """Return the names of the elements of a message, empty if it does not give any."""
+    """Return a message's field `name` if it lists distinct texts, else []."""
     if not isinstance(names, list) or len(set(map(str, names))) < len(names):
         return []
     return names if all(isinstance(name, str) and name for name in names) else []

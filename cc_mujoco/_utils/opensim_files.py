@@ -1,11 +1,10 @@
 """Columns of numbers from OpenSim's motion and storage files, `.mot` and `.sto`.
 
-Their columns have names without units; here the unit is appended: `time_s`,
-`knee_angle_r_deg` where the header has `inDegrees=yes` (`_rad` where it has `no`),
-`knee_angle_r_moment_nm`. Lengths, such as `pelvis_tx`, and all angles of a file whose
-header has no `inDegrees` keep their names. Of a state of Moco,
-`/jointset/knee_r/knee_angle_r/value`, the coordinate is the name; its other states and
-controls keep theirs.
+Their columns have names without units; a unit is appended here: `time_s`,
+`knee_angle_r_deg` if the header has `inDegrees=yes` (`_rad` for `no`),
+`knee_angle_r_moment_nm`. Lengths, such as `pelvis_tx`, and all angles of a file without
+`inDegrees` keep their names. A state of Moco, `/jointset/knee_r/knee_angle_r/value`, is
+named by its coordinate; Moco's other states and controls keep their names.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def _header(path: Path) -> tuple[list[str], int]:
 
 
 def _with_unit(column: str, angle: str) -> str:
-    """Return the name of a column with its unit, which is that of an `angle` else."""
+    """Return a column's name with its unit; `angle` is the unit of joint angles."""
     name = re.sub(r"/.*/([^/]+)/value", r"\1", column)
     word = name.lower()
     if word == "time":

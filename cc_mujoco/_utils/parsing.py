@@ -1,4 +1,4 @@
-"""TOML and JSON as Python reads them, with one kind of error each."""
+"""TOML and JSON by Python's parsers, each with a single kind of error."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LONG_KEY = re.compile(
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the content of a TOML file; nested too deep, it is a `TOMLDecodeError`."""
+    """Return the content of TOML text; raise `TOMLDecodeError` if nested too deep."""
     if _LONG_KEY.search(text):
         raise tomllib.TOMLDecodeError("a key has more than 100 parts")
     try:
@@ -30,7 +30,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return the content of a JSON file; nested too deep, it is a `ValueError`."""
+    """Return the content of JSON text; raise `ValueError` if nested too deep."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -45,10 +45,10 @@ def unreadable(what: str | Path, error: OSError) -> CableError:
 def one_sentence(
     path: Path, advice: str = "", kind: type[Exception] = Exception
 ) -> Iterator[None]:
-    """Turn what a parser raises for a file into one sentence that names the file.
+    """Turn a parser's exceptions into a `CableError` of one sentence naming the file.
 
-    It has the system's reason where there is one, and else the `advice`, a part of a
-    sentence on what would be right. `kind` are the errors that are turned.
+    The sentence has the system's reason if there is one, else `advice`, a clause on
+    what would be right. Only exceptions of `kind` are turned.
     """
     try:
         yield

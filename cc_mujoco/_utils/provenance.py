@@ -1,18 +1,18 @@
-"""Origin of the numbers of a run besides its settings: the code that made them.
+"""Provenance of a run's numbers besides its settings: the code that computed them.
 
     then = code_provenance("law:make")  # plain JSON, stored with the numbers
     provenance_differences(then, code_provenance("law:make"))  # ["law.py"] if edited
 
-It is the library's own sources and scenes, the versions of what it computes with, and
-the user's files: the scene and description of a device, the module of a controller,
-metric, trajectory or task, the modules that it imports from outside the standard
-library and the installed packages, a policy's file, a table of a motion or a torque,
-and the files that such a module declares:
+It comprises the library's sources and scenes, the versions of its dependencies, and the
+user's files: the scene and description of a device, the module of a controller, metric,
+trajectory or task, the modules that it imports from outside the standard library and
+the installed packages, a policy's file, a table of a motion or a torque, and the files
+that such a module declares:
 
     CC_MUJOCO_FILES = ("gains.toml",)  # in law.py; relative to its folder
 
-What is not seen: a file that a module reads but does not declare, and a module that it
-imports by a name that is no constant (`importlib.import_module`), unless declared.
+Not found are files that a module reads but does not declare, and modules imported under
+a computed name (`importlib.import_module`), unless declared.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ def versions() -> dict[str, str]:
 
 
 def source_files() -> dict[str, Path]:
-    """Return the files that the library's numbers follow from, by their place in it.
+    """Return the library's files that determine its numbers, by relative path.
 
-    Tables of the benchmark are results.
+    Tables of the benchmark's results are left out.
     """
     found: dict[str, Path] = {}
     for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
@@ -80,9 +80,9 @@ def code_provenance(
 ) -> dict[str, Any]:
     """Return the provenance of numbers from this process, as plain JSON.
 
-    `names` are those of controllers, metrics, trajectories and tasks that were made
-    before, `MODULE:NAME`, and paths of policies and tables; `files` digests of further
-    files, see `file_digests`.
+    `names` are `MODULE:NAME` of controllers, metrics, trajectories and tasks that were
+    made before, and paths of policies and tables; `files` are digests of further files,
+    see `file_digests`.
     """
     files = dict(files or {})
     for name in names:
@@ -101,9 +101,9 @@ def file_digests(files: Iterable[Path], folder: Path) -> dict[str, str]:
 
 
 def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:
-    """Return the differences of two results of `code_provenance`, as sentences.
+    """Return the names of what differs between two results of `code_provenance`.
 
-    `then` may be anything that was found in the place of one that was kept.
+    `then` is read from a file, so it may be anything.
     """
     if then == now:
         return []
@@ -132,10 +132,10 @@ def read_provenance(table: Any) -> Any:
 def earlier_results_message(
     kept: int, number: int, kind: str, changed: Sequence[str] = ()
 ) -> str:
-    """Return a run's message on earlier results; empty if there are none.
+    """Return a message on results of an earlier run; "" if there are none.
 
-    Of `number` there are `kept` already; `kind` is a plural, and `changed` says how
-    others differ, that are there and are replaced.
+    Of `number` results `kept` are reused. `changed` lists how others differ, which are
+    replaced; `kind` is the plural for results, such as "cells".
     """
     parts = [f"{kept} of {number} {kind} kept; --again runs them anew."] if kept else []
     if changed:
@@ -145,13 +145,13 @@ def earlier_results_message(
 
 
 def is_user_controller(controller: str) -> bool:
-    """Return whether a controller of this name comes from a file of the user."""
+    """Return whether a controller's name stands for a user's code or policy file."""
     return ":" in controller or controller.endswith(POLICY_ENDING)
 
 
 @cache
 def _library_folders() -> tuple[str, ...]:
-    """Return the folders of Python and of packages, whose files are no user's."""
+    """Return the folders of Python and installed packages, not of users' files."""
     places = [sysconfig.get_path(n) for n in ("stdlib", "platstdlib", "purelib",
               "platlib")]  # fmt: skip
     places += [*site.getsitepackages(), site.getusersitepackages()]
@@ -208,7 +208,7 @@ def _declared(path: str) -> list[str]:
 
 
 def _imported(path: str) -> set[str]:
-    """Return the user's modules that a source of theirs imports, if they are loaded."""
+    """Return the loaded modules of the user that a user's source file imports."""
     module = _module(path)
     try:
         tree = ast.parse(_source_code(path) or b"")
@@ -241,7 +241,7 @@ def _source_path(module: ModuleType | None) -> str | None:
 
 
 def _is_inside(path: str, folder: str) -> bool:
-    """Return whether a file is in a folder, but not in a hidden one inside it."""
+    """Return whether a file is below a folder, not below a hidden one in it."""
     inner = path.removeprefix(os.path.join(folder, ""))
     return inner != path and f"{os.sep}." not in os.sep + inner
 
@@ -258,6 +258,6 @@ _source_code = cache(_content)
 
 
 def _digest(path: str) -> str:
-    """Return a file's digest; empty if it cannot be read."""
+    """Return a file's SHA-256; "" if it cannot be read."""
     content = _source_code(path) if path.endswith(".py") else _content(path)
     return "" if content is None else hashlib.sha256(content).hexdigest()[:24]

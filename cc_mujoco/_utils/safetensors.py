@@ -1,9 +1,9 @@
-"""Arrays in files of the safetensors format, with NumPy alone.
+"""Reading and writing of arrays in the safetensors format, with NumPy alone.
 
     content = to_bytes({"gain": np.ones(3)}, {"note": "text"})
     tensors, notes = from_bytes(content)
 
-Nothing in a file is executed. Only arrays of 64-bit floats are written and read.
+Nothing in a file is executed. Only arrays of 64-bit floats are supported.
 """
 
 from __future__ import annotations

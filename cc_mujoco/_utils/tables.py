@@ -5,8 +5,8 @@
     angle = quantity_column(path, names, "angle_rad", ANGLE)
     times, angles = read_course(path, [time, angle])
 
-`csv_files` says what forms CSV may have, `opensim_files` how columns of OpenSim get
-their units, and `array_files` and `mcap_files` how columns are called there.
+For the forms of CSV see `csv_files`, for the units of OpenSim's columns
+`opensim_files`, and for names of columns in other formats `array_files`, `mcap_files`.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def read_columns(
 ) -> dict[str, FloatArray]:
     """Return the columns of a file as numbers (rows,) by name, NaN where missing.
 
-    The file has each name once; columns of `switches` may hold true and false in CSV,
-    read as 1 and 0. Those of MATLAB and HDF5 files may differ in length.
+    Names must be unique in the file. In CSV columns of `switches` may hold true and
+    false, read as 1 and 0. Columns of MATLAB and HDF5 files may differ in length.
     """
     with _readable(path):
         read: dict[str, FloatArray]
@@ -74,7 +74,7 @@ def read_columns(
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Turn errors of a file that cannot be read, or is no text, into one sentence."""
+    """Turn errors of an unreadable or non-text file into a `CableError`."""
     try:
         yield
     except (UnicodeError, csv.Error) as error:
@@ -86,10 +86,10 @@ def _readable(path: Path) -> Iterator[None]:
 def quantity_column(
     path: Path, names: Sequence[str], name: str, measured: Kind
 ) -> Column:
-    """Return the column of a quantity, which may be in any of its units.
+    """Return the column of a quantity, in whatever unit the file has it.
 
-    Its name has the unit of the program at its end, such as `angle_rad`; the file may
-    also have `angle_deg` or `Angle [deg]`.
+    `name` ends in the SI unit, such as `angle_rad`; the file may also have `angle_deg`
+    or `Angle [deg]`. Raises `CableError` for none or several.
     """
     stem = name.rpartition("_")[0]
     found = {}
@@ -125,7 +125,7 @@ def unit_names(stem: str, measured: Kind) -> str:
 
 
 class Column(NamedTuple):
-    """A column of numbers that are converted."""
+    """A column of a file, and the conversion of its numbers to SI."""
 
     name: str  # in the file
     factor: float  # factor that its numbers are multiplied by
@@ -135,11 +135,11 @@ class Column(NamedTuple):
 def read_course(
     path: Path, columns: Sequence[Column], interval: float = 0.0, is_rising: bool = True
 ) -> tuple[FloatArray, ...]:
-    """Return columns over one that increases, without the rows that are all blank.
+    """Return columns (rows,) in SI, without rows that are blank in all of them.
 
-    The first of `columns` is the one that increases, by at least `interval` from row to
-    row, converted; 0 is anything. None has to unless `is_rising`. Arrays (rows,) are
-    converted.
+    The first of `columns` must increase from row to row, by at least `interval` in SI
+    if that is not 0, unless `is_rising` is False. Raises `CableError` for a missing
+    number.
     """
     names = column_names(path)
     for column in columns:

@@ -1,4 +1,8 @@
-"""Tables of a TOML file: values of the requested kind, or an error."""
+"""Tables of a TOML file, whose values are checked on access.
+
+A getter of `Table` returns None for an absent key, and raises `CableError` for a value
+of another kind.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +36,12 @@ class Table:
         )
 
     def shown(self, key: str) -> str:
-        """Return a value as text, truncated to 60 characters."""
+        """Return the text of a value for a message, cut to 60 characters."""
         text = repr(self.content[key])
         return text if len(text) <= 60 else f"{text[:57]}..."
 
     def table(self, key: str) -> Table:
-        """Return a table inside this one, or an empty one if it is absent."""
+        """Return the table under a key of this one, an empty one if absent."""
         content = self.content.get(key, {})
         if not isinstance(content, dict):
             raise self.wrong(key, f"a table, written as [{key}]")
@@ -60,7 +64,7 @@ class Table:
         return value
 
     def code(self, key: str, free: Container[str] = ()) -> str | None:
-        """Return a text that may name allowed code, or None if it is absent."""
+        """Return a text that may name a user's code that is allowed, or None."""
         value = self.text(key)
         return value and named_in_file(value, self.where, key, free=free)
 
@@ -82,7 +86,7 @@ class Table:
         return value
 
     def pairs(self, key: str, right: str) -> list[tuple[float, float]] | None:
-        """Return pairs of finite numbers, or None if they are absent."""
+        """Return pairs of finite numbers, or None; `right` is the form in an error."""
         if key not in self.content:
             return None
         given, found = self.content[key], []
@@ -95,7 +99,7 @@ class Table:
         return found
 
     def choice(self, key: str, allowed: Iterable[str]) -> str | None:
-        """Return one of the allowed words, or None if it is absent."""
+        """Return a text that is one of `allowed`, or None if it is absent."""
         value = self.text(key)
         if value is not None and value not in tuple(allowed):
             raise CableError.unknown(key, value, allowed, self.where)
@@ -103,7 +107,7 @@ class Table:
 
 
 def finite(value: object) -> float | None:
-    """Return a finite number, or None if it is something else."""
+    """Return a value as a float, None if it is no finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -114,7 +118,7 @@ def finite(value: object) -> float | None:
 
 
 def read_toml(path: Path, what: str = "") -> Table:
-    """Return a TOML file; `what` it holds is for the sentence if it is missing."""
+    """Return a TOML file's content; `what` precedes its path in an error."""
     try:
         content = parse_toml(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Units that columns of a file may be in, and how to read them off a column's name.
+"""Units of the columns of a file, and their recognition in a column's name.
 
 >>> from cc_mujoco._utils.units import ANGLE, unit_of
 >>> unit = unit_of("motor_angle_deg", ANGLE)
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class Kind(NamedTuple):
-    """A physical quantity."""
+    """A physical quantity, and the factors from its units to SI."""
 
     name: str  # the word for it
     unit: str  # the unit it has inside the program
@@ -40,7 +40,7 @@ _UNITS = {
 
 
 def words(column: str) -> list[str]:
-    """Return the words of a column's name in lower case, the unit as it is spelled."""
+    """Return the lower-case words of a column's name, its unit spelled as usual."""
     parts = re.split(r"[\s_.,:;|(){}\[\]-]+", column.lower())
     found = [word for word in parts if word]
     others = {"\N{DEGREE SIGN}": "deg", "degree": "deg", "degrees": "deg"}
@@ -49,7 +49,7 @@ def words(column: str) -> list[str]:
 
 
 def last_word(column: str) -> str:
-    """Return the word in which a name ends; empty for a rate, as `speed_rad_s`."""
+    """Return the last word of a column's name; "" for a rate such as `speed_rad_s`."""
     found = words(column)
     if not found or (len(found) > 1 and found[-2] in _UNITS):
         return ""
@@ -57,15 +57,15 @@ def last_word(column: str) -> str:
 
 
 def unit_of(column: str, measured: Kind) -> str | None:
-    """Return the unit of a quantity in which the name of a column ends, or None."""
+    """Return the unit of a quantity with which a column's name ends, or None."""
     word = last_word(column)
     return next((unit for unit in measured.factors if unit.lower() == word), None)
 
 
 def quantity_words(column: str, measured: Kind) -> tuple[tuple[str, ...], str | None]:
-    """Return the words of a column's name without a quantity, and its unit if named.
+    """Return the words of a column's name without the quantity's, and its unit or None.
 
-    `knee_angle_deg`, which measures an `ANGLE`, gives `("knee",)` and degrees.
+    For `ANGLE`, `knee_angle_deg` gives `("knee",)` and `deg`.
     """
     unit = unit_of(column, measured)
     found = words(column)

@@ -1,4 +1,4 @@
-"""Objects that a user names as `MODULE:NAME` or `FILE.py:NAME`, and their errors.
+"""Import of users' objects named `MODULE:NAME` or `FILE.py:NAME`, and their errors.
 
     make = named_object("controller", "my_module:my_function", "function")
     with user_errors("controller 'my_module:my_function'"):
@@ -6,8 +6,8 @@
 
 An exception inside becomes a `CableError` with file and line, and is its cause.
 
-A name in a call is imported. A name in a file, which goes through `named_in_file`, is
-imported only if a call has allowed it:
+Names given in a call are imported. A name read from a file goes through
+`named_in_file`, and is imported only if a call has allowed it:
 
     allow("my_module:my_function")             # also by `--allow` or `allow=`
     named_in_file(text, "study.json", "task")
@@ -39,17 +39,17 @@ _REFUSED = re.compile(r" \{refused: (.*?)\}", re.DOTALL)
 
 
 def allow(names: str | Iterable[str]) -> None:
-    """Let this process import `MODULE:NAME` also where a file names it.
+    """Allow this process to import `MODULE:NAME` when a file names it.
 
     Args:
-        names: Names, or texts with names in them such as the words of a command.
+        names: Names, or texts that contain names, such as the words of a command.
     """
     for name in [names] if isinstance(names, str) else names:
         _allowed_names.update((name, *_parts(name)))
 
 
 def allowed() -> tuple[str, ...]:
-    """Return the names that `allow` was called with, for another process."""
+    """Return all names allowed so far, to allow them in another process."""
     return tuple(sorted(_allowed_names))
 
 
@@ -61,12 +61,12 @@ def named_in_file(
     free: Container[str] = (),
     deferred: bool = False,
 ) -> str:
-    """Return a text of a file, of which the code that it names may be imported.
+    """Return a text from a file after checking that the code it names is allowed.
 
     The text is a name with or without code: `sine`, `MODULE:NAME`, `hip=MODULE:NAME`.
-    `where` and `key` are for the error; `free` are names of the package, which may have
-    something behind a colon. A refused text that need not be used is returned with a
-    mark where `deferred`, by which `named_object` raises the error.
+    `where` and `key` tell its place in the error; `free` are names of the package,
+    which may be followed by a colon. If `deferred`, a refused text is not an error but
+    returned with a mark, and `named_object` raises the error if it is used.
     """
     refused = [
         part
@@ -99,9 +99,9 @@ def _parts(text: str) -> list[str]:
 def named_object(kind: str, name: str, form: str) -> Any:
     """Return the object `MODULE:NAME`, or `FILE.py:NAME` with the path of a file.
 
-    Modules are found as by `import` in this folder; one that a file names must have
-    been allowed. `kind` and `form` say in an error what the object is for, and what
-    Python calls it.
+    Modules are found as by `import` from the current folder. `kind` is the object's
+    role in an error ("controller"), `form` its Python type ("function"). Raises
+    `CableError` if it does not exist or comes from a file and was not allowed.
     """
     if refused := _REFUSED.search(name):
         raise CableError(refused[1])
@@ -161,11 +161,11 @@ def _module(kind: str, name: str, place: str) -> ModuleType:
 
 @contextmanager
 def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
-    """Turn an exception into one sentence that names the object, file and line.
+    """Turn an exception in the block into a `CableError` that tells its place.
 
-    The sentence has no place if no code of the user was running, as with a wrong
-    signature. By default all errors are turned, and so is the end of the interpreter,
-    which is not for a part of a computation to decide.
+    The sentence names `what`, file and line, or only `what` if no code of the user was
+    running, as for a wrong signature. By default all errors are turned, also
+    `SystemExit`, as user code must not end the computation.
     """
     kinds = kinds or (Exception, SystemExit)
     try:

@@ -1,7 +1,7 @@
 """Running the pieces of a job on the workers of a Dask cluster, with the same code.
 
-Every task first compares the code of its worker with that of the client, so that a
-worker that joins later is checked too; those present are checked before the first.
+Every task first compares the code of its worker with that of the client, so workers
+that join later are checked too. Those present are checked before the first piece.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ def run_on_cluster(
     progress: Progress = lambda done: None,
     worker_timeout: float = WORKER_TIMEOUT,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Yield numbers and results of pieces that the workers of a cluster do.
+    """Yield (number, result) of each piece as workers finish them, in any order.
 
-    They come as they are finished, in no particular order; what a worker that dies was
-    doing, Dask gives to another. `scheduler` is `tcp://HOST:PORT`, and after a
-    `worker_timeout` without any worker the work is given up [s].
+    Pieces of a worker that dies are given to others by Dask. `scheduler` is
+    `tcp://HOST:PORT`. Raises `CableError` after `worker_timeout` [s] without any
+    worker, or if a worker has other code.
     """
     if not worker_timeout > 0.0:
         raise CableError(f"worker timeout must be above 0 s, not {worker_timeout!r} s.")
@@ -90,10 +90,10 @@ def run_on_cluster(
 
 
 def answer_piece(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
-    """Do a piece on a worker, if its code is that of the client.
+    """Return the result of a piece on this worker, or None and the reason for refusal.
 
-    `makers`, what makes the results by the client, `job`, with the code that the client
-    has allowed, and `piece` are pickled; without a piece the worker is only checked.
+    All arguments are pickled: `makers` is the client's provenance, `job` the names of
+    allowed user code and the `Job`; without a `piece` the worker is only checked.
     """
     if why := _refusal_reason(makers, job):
         return None, why
@@ -118,7 +118,7 @@ def _refusal_reason(makers: bytes, job: bytes) -> str:
 
 
 def _portable() -> Callable[..., tuple[str, Answer]]:
-    """Return a function that a worker understands without this package."""
+    """Return a function for `answer_piece` that pickles without this package."""
 
     # Nested, so that it is sent as it is and not by the name of its module.
     def ask(*question: Any) -> Any:
@@ -172,7 +172,7 @@ def _watchdog(client: Any, scheduler: str, patience: float) -> Callable[[], None
 
 
 def _require_scheduler(distributed: Any, address: str) -> None:
-    """Query the scheduler without Dask's client, which waits long and dies loudly."""
+    """Raise `CableError` soon if no scheduler answers; Dask's client waits long."""
 
     async def ask() -> Any:
         server = distributed.rpc(address, timeout=CONNECT_TIMEOUT)

@@ -1,4 +1,4 @@
-"""Running the pieces of a job on this machine, on threads or processes."""
+"""Running the pieces of a job on this machine, in threads or processes."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Progress = Callable[[float], None]
 
 
 class Job(Protocol):
-    """Work in pieces; all of it is plain data that can be pickled."""
+    """Work that consists of independent pieces; jobs and pieces can be pickled."""
 
     def rehearse(self) -> None:
-        """Make all that the pieces need, and do nothing."""
+        """Build everything that the pieces need, so that errors show early."""
 
     def made_by(self) -> dict[str, Any]:
-        """Return the provenance of the results, after a rehearsal."""
+        """Return the provenance of the results; call it after `rehearse`."""
 
     def size(self, piece: Any) -> int:
-        """Return how much a piece adds to the progress."""
+        """Return the amount of work in a piece, in units of the progress."""
 
     def do(self, piece: Any, tick: Tick) -> Any:
-        """Do a piece."""
+        """Return a piece's result; call `tick` with the fraction done, 0 to 1."""
 
 
 class _StoppedError(Exception): ...  # ends a piece that is no longer wanted
@@ -47,12 +47,11 @@ def run_here(
     count: int = 0,
     processes: bool = False,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Yield numbers and results of pieces that this machine does.
+    """Yield (number, result) of each piece as it is finished, in any order.
 
-    They come as they are finished, in no particular order; `progress` is called from
-    any thread, one at a time. `count` of 0 means one thread per processor, or one of
-    the `processes`, for work that Python does and threads would wait for each other
-    in; one process is this one.
+    `progress` is called from any thread, one at a time. `count` is the number of
+    threads or of `processes`, 0 for one per processor; a single process is this one.
+    Processes are for pieces in Python, whose threads would wait for each other.
     """
     count = min(count or os.cpu_count() or 1, max(len(pieces), 1))
     if processes and count == 1:
@@ -128,10 +127,10 @@ def run_here(
 
 @contextlib.contextmanager
 def _late_interrupts() -> Iterator[list[int]]:
-    """Give a list of the interrupts that come; raise KeyboardInterrupt at the end.
+    """Collect SIGINT in the yielded list; raise `KeyboardInterrupt` after the block.
 
-    Raised amid the executor, it would leave a lock taken, on which a thread waits for
-    ever.
+    Raised inside the executor, it could leave a lock held, and a thread would wait for
+    it for ever.
     """
     interrupts: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()
@@ -149,9 +148,9 @@ def _late_interrupts() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back, here for a moment and for ever in processes that start.
+    """Block SIGINT in this thread during the block, and for ever in processes started.
 
-    It goes to every process of a terminal, and it is for this one to end the others.
+    Ctrl-C reaches every process of a terminal; this process ends the others itself.
     """
     if not hasattr(signal, "pthread_sigmask"):  # as on Windows
         yield

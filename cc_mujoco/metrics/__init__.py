@@ -1,10 +1,10 @@
-"""Metrics: one table of the numbers of an episode or a design, with unit and meaning.
+"""Metrics: table of the numbers of an episode or a design, with units and meanings.
 
     METRICS["rms_torque_error"].compute(log)            # [N m]
     METRICS["rms_torque_error"].better                  # "low"
 
-`play`, what-ifs, the benchmark and their pages choose from this table. A metric of the
-user is a `Metric`, or `MODULE:NAME` of one on the command line.
+`play`, what-if studies, the benchmark and their pages choose from this table. A user's
+metric is a `Metric`, on the command line given as `MODULE:NAME`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Definition of a metric, and of the record of an episode that it is computed from."""
+"""Definition of a metric, and of the episode record from which it is computed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
 
 
 class Key:
-    """Keys of the metadata of an episode that metrics read."""
+    """Keys of an episode's metadata that metrics read."""
 
     RATIO = "ratio"  # joint angle per motor angle of an unstretched cable (signed)
     DRIVEN = "driven"  # names of the cables that the motor winds; all where missing
@@ -47,18 +47,18 @@ class LogLike(Protocol):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """Constants of the device and of the episode."""
+        """Constants of the device and the episode, by name."""
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column of the episode log (T, ...), its first axis time."""
+        """Return a column of the episode log, (T, ...) for T samples."""
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a column in order, so that long ones fit into memory."""
+        """Yield a column's rows in order, in pieces that fit into memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayLog:
-    """Columns and constants of one episode, views of a batch for example."""
+    """`LogLike` of arrays in memory, such as views of a batch."""
 
     columns: Mapping[str, NDArray[Any]]
     cables: tuple[str, ...] = ()
@@ -70,7 +70,7 @@ class ArrayLog:
         return self.columns[name]
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a column in order, here all at once."""
+        """Yield all rows of a column at once."""
         yield self[name]
 
 
@@ -81,7 +81,7 @@ class Metric:
         PEAK_ANGLE = Metric("peak_angle", "rad", "largest |joint angle|",
                             lambda log: abs(log["joint_angle_rad"]).max())
 
-    It is the same wherever it is computed: `play`, a what-if or the benchmark.
+    It has the same definition in `play`, what-if studies and the benchmark.
     """
 
     name: str
@@ -106,12 +106,12 @@ class Metric:
 
     @property
     def high(self) -> bool:
-        """Return whether more is better."""
+        """Return whether a higher value is better."""
         return self.better == "high"
 
     @property
     def driven(self) -> bool:
-        """Return whether the controller influences the metric."""
+        """Return whether the metric depends on the controller."""
         return self.test in ("episode", "bandwidth")
 
     @property
@@ -121,11 +121,11 @@ class Metric:
 
     @property
     def of_axis(self) -> bool:
-        """Return whether each axis of a device has one."""
+        """Return whether each axis of a device has its own value."""
         return not (self.whole or self.per_cable)
 
     def of(self, cable: str) -> Metric:
-        """Return this metric for the cable of that name."""
+        """Return the metric of one cable, named in place of `{cable}`."""
         return replace(
             self,
             name=self.name.format(cable=cable),
@@ -136,17 +136,17 @@ class Metric:
 
 
 def driven_cables(log: LogLike) -> tuple[str, ...]:
-    """Return the names of the cables that the motor winds."""
+    """Return the names of the cables that a motor winds."""
     return tuple(log.metadata.get(Key.DRIVEN, log.cables))
 
 
 def metadata_constant(log: LogLike, key: str) -> float:
-    """Return a constant of the metadata, NaN where it is missing."""
+    """Return a number of the metadata, NaN if it is missing."""
     return float(log.metadata.get(key, math.nan))
 
 
 def value_text(value: float) -> str:
-    """Return a value for a table, `-` where there is none."""
+    """Return the text of a value in a table, `-` for NaN."""
     return f"{value:.4g}" if math.isfinite(value) else "-"
 
 

@@ -1,10 +1,10 @@
-"""Table of all metrics, and metrics of the user.
+"""Table of all metrics, built-in ones and those of users.
 
     METRICS["rms_torque_error"].compute(log)       # of an `EpisodeLog` or `ArrayLog`
     find_metric("my_module:PEAK_ANGLE")            # a `Metric` of the user
     measure(log, [METRICS["efficiency"]])          # value by metric
 
-A value that an episode cannot give is NaN; it is never made up.
+A value that an episode does not define is NaN.
 """
 
 from __future__ import annotations
@@ -46,18 +46,17 @@ ANKLE = GaitJoint("ankle", "ankle")
 
 
 def stride_metrics(log: LogLike) -> dict[str, float]:
-    """Return numbers of the assisted joint over the whole strides of an episode.
+    """Return numbers of the assisted joint over an episode's whole strides, by name.
 
     Strides go from heel strike to heel strike. The first, in which the walk begins, is
-    left out. There is no number without a stride.
+    left out. Without a stride the result is {}.
 
     The scripted wearer is a spring and a damper to the measured motion, on a leg that
-    swings free of the floor: its resistance does not show what it would save. So the
-    work of the muscles is computed separately from the simulation: the moment of the
-    joint in the measured walk, by inverse dynamics, less the torque that the cables
-    gave, at the velocity of the measured walk. That holds while motion and moment in
-    all stay as they were without help, which people change; and work is not metabolic
-    cost.
+    swings free of the floor, so its force does not show the effort that help would
+    save. The muscles' work is computed from the measured walk instead: joint moment by
+    inverse dynamics less the cables' torque, times the joint velocity. This holds while
+    motion and total moment are those without help, which people change; and work is not
+    metabolic cost.
     """
     if Key.PACE not in log.metadata:
         return {}
@@ -95,9 +94,10 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
 
 
 def _built_in() -> Iterator[Metric]:
-    """Yield the metrics of `metrics.csv`, which has their words, with their formulas.
+    """Yield the metrics of `metrics.csv` (names, units, meanings) with their formulas.
 
-    Those without a formula here are constants of a design, in the metadata by name.
+    One without a formula here is a constant of a design, in the metadata under its
+    name.
     """
     formulas: dict[str, Callable[..., float]] = {
         "rms_torque_error": lambda log: rms(torque.torque_error(log)),
@@ -201,10 +201,10 @@ _origins: dict[str, str | Metric] = {}
 
 
 def find_metric(given: str | Metric) -> Metric:
-    """Return a metric: a name, `MODULE:NAME` of a metric of the user, or the metric.
+    """Return a metric by name or by `MODULE:NAME` of a user's, or the metric given.
 
-    One of the user is in `METRICS` from now on. An unknown one, and one whose name
-    cannot be that of a column, is refused.
+    A user's metric is added to `METRICS`. Raises `CableError` if it is unknown or its
+    name cannot be that of a column.
     """
     found: object = given
     if isinstance(given, str):
@@ -234,14 +234,15 @@ def find_metric(given: str | Metric) -> Metric:
 
 
 def user_metrics(names: Iterable[str]) -> tuple[str | Metric, ...]:
-    """Return the `MODULE:NAME` of the user's metrics among these names."""
+    """Return the users' metrics among `names`, as `MODULE:NAME` or as given."""
     return tuple(_origins[name] for name in names if name in _origins)
 
 
 def metric_key(given: str | Metric) -> str:
-    """Return a text that is the same for the same metric of the user.
+    """Return a text that identifies a user's metric across runs.
 
-    It is `MODULE:NAME`, or else a digest of the source, or else of this object alone.
+    It is its `MODULE:NAME`, else a digest of its source code, else (without source) of
+    the object's identity, which lasts for this process only.
     """
     if isinstance(given, str):
         return given
@@ -256,7 +257,7 @@ def metric_key(given: str | Metric) -> str:
 def expand_cable_metrics(
     metrics: Iterable[Metric], cables: Iterable[str]
 ) -> list[Metric]:
-    """Return metrics with those of a cable once for every cable, in a block."""
+    """Return the metrics, those of a cable once for every cable, in a block."""
     metrics = tuple(metrics)
     each = [metric for metric in metrics if metric.per_cable]
     found = [metric for metric in metrics if not metric.per_cable]
@@ -264,9 +265,9 @@ def expand_cable_metrics(
 
 
 def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
-    """Return the value of each metric of an episode.
+    """Return the value of each metric for an episode.
 
-    One of the user that raises, or gives no real number, is a `CableError`.
+    Raises `CableError` if a user's metric raises or gives no real number.
     """
     found: dict[Metric, float] = {}
     for metric in metrics:
@@ -281,10 +282,10 @@ def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
 def measure_axes(
     log: LogLike, metrics: Iterable[Metric]
 ) -> Iterator[tuple[str, Metric, float]]:
-    """Yield axis, metric and value for every number of an episode.
+    """Yield (axis, metric, value) for every number of an episode.
 
-    Metrics of one axis come first, axis by axis. The axis is "" where the device has
-    only one, and for metrics of a cable or of the device as a whole.
+    Metrics of one axis come first, axis by axis. The axis is "" if the device has only
+    one, and for metrics of a cable or of the device as a whole.
 
     Args:
         log: Log of an episode; one of several axes is an `EpisodeLog`.

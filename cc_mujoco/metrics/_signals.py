@@ -1,4 +1,4 @@
-"""Measures on pairs of signals: the width of a loop, the delay of one after another."""
+"""Measures on pairs of signals: width of a hysteresis loop, lag between two signals."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from cc_mujoco.metrics._metric import Array
 
 
 def moving_mean(values: Array, period: float, window: float = 0.05) -> Array:
-    """Return the mean over a window [s], where the window fits; `period` in [s]."""
+    """Return the mean over a full moving window [s] of samples every `period` [s]."""
     width = min(max(1, round(window / period)), len(values))
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
 
 
 def loop_width(angle: Array, torque: Array) -> float:
-    """Return the width of a torque-angle loop at zero torque.
+    """Return the width [rad] of a torque-angle loop at zero torque.
 
-    The torque visits zero when it enters the band of 5 % of its peak and leaves it
-    again; what chatters inside the band is one visit. Each visit gives the angles at
-    which the torque changes sign (interpolated) or is below 0.1 % of its peak (a dead
-    zone). The width is the range of these angles over all visits: hysteresis and dead
-    zone together. Angles [rad] and torques, in any unit, are (T,); NaN if the torque
-    does not come back through zero, so that there is no loop.
+    The torque visits zero from when it enters the band of 5 % of its peak until it
+    leaves it, so that chatter inside the band is one visit. Each visit gives the angles
+    at which the torque changes sign (interpolated) or is below 0.1 % of its peak (a
+    dead zone). The width is the range of these angles over all visits: hysteresis and
+    dead zone together. Angles [rad] and torques, in any unit, are (T,); NaN if the
+    torque does not return through zero, so that there is no loop.
     """
     peak = float(np.max(np.abs(torque)))
     if not peak > 0:
@@ -51,13 +51,14 @@ def loop_width(angle: Array, torque: Array) -> float:
 
 
 def loop_opening(angle: Array, torque: Array) -> float:
-    """Return the distance between a torque-angle loop's zeros of torque, out and back.
+    """Return the angle [rad] between a loop's zero crossings of torque, out and back.
 
-    It is the difference between the mean angle at which the torque changes sign while
-    the angle falls and that while it rises. Friction F on a spring k opens the loop by
-    2 F/k, and by all of the motion where F exceeds the spring. `loop_width` is the
-    range of all crossings instead, which a torque that chatters about zero fills. The
-    opening [rad] is at least 0; NaN if the torque does not cross zero both ways.
+    It is the difference between the mean angle of the torque's sign changes while the
+    angle falls and that while it rises, at least 0. Friction F on a spring k opens the
+    loop by 2 F/k, or by all of the motion if F exceeds the spring's torque.
+    `loop_width` is the range of all crossings instead, which chatter about zero widens.
+    Angles and torques are (T,); NaN if the torque does not cross zero in both
+    directions.
     """
     change = np.flatnonzero(torque[:-1] * torque[1:] < 0)
     share = torque[change] / (torque[change] - torque[change + 1])
@@ -72,14 +73,13 @@ def loop_opening(angle: Array, torque: Array) -> float:
 def signal_lag(
     time: Array, desired: Array, actual: Array, *, signed: bool = False
 ) -> float:
-    """Return the delay of a signal `actual` (T,) after the `desired` one [s].
+    """Return the lag of a signal `actual` (T,) behind the `desired` one [s].
 
     It is the shift, at most a quarter of the episode and at most 1 s, at which the
-    correlation coefficient peaks, refined by a parabola; of several peaks within 5 %,
-    as a periodic signal has, the nearest to 0. The times are equally spaced (T,) [s]. A
-    signal that leads has a negative delay if `signed`, else 0. NaN if the best
-    coefficient is below 0.5 or at the largest shift, for then the one signal does not
-    follow the other.
+    correlation coefficient peaks, refined by a parabola. Of several peaks within 5 %,
+    as of a periodic signal, it is the nearest to 0. The times (T,) [s] are equally
+    spaced. If `actual` is ahead, the lag is negative when `signed`, else 0. NaN if the
+    largest coefficient is below 0.5 or at the largest shift.
     """
     count = len(time)
     if count < 8:
@@ -106,7 +106,7 @@ def signal_lag(
 
 
 def correlation(desired: Array, actual: Array, shift: int = 0) -> float:
-    """Return the correlation of a signal with another `shift` samples later."""
+    """Return the correlation of `desired` with `actual` `shift` samples later."""
     ahead, behind = max(shift, 0), max(-shift, 0)
     one = desired[behind : desired.size - ahead]
     other = actual[ahead : actual.size - behind]

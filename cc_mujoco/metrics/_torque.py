@@ -1,6 +1,6 @@
-"""Metrics of torque, efficiency, slack and tension along an episode.
+"""Formulas of metrics on torque, efficiency, slack and tension along an episode.
 
-Among them those of tests in which the joint is held: a slow swing, and a chirp.
+Some are of tests with the joint held: a slow swing of the torque, and a chirp.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cc_mujoco.metrics._metric import (
 
 @dataclass(frozen=True)
 class Efficiency:
-    """Efficiency of a transmission that either side may drive; NaN where undefined."""
+    """Efficiency of a transmission by the side that drives it; NaN where undefined."""
 
     overall: float  # both directions together, in (0, 1]
     motor_drives: float  # motor to joint, in (0, 1]
@@ -34,28 +34,27 @@ class Efficiency:
 
 
 def efficiency(log: LogLike) -> Efficiency:
-    r"""Return the share of the work put into the cables that arrives where it is meant.
+    r"""Return the share of the cables' work input that reaches the side it is for.
 
-    The task says where: with the power \(\tau_d \omega_j\) that it asks for, work is
-    meant for the joint while that is positive, for the motor while it is negative (a
-    virtual spring that is being loaded), for nobody while it is zero. With the power of
-    the motor into the cables \(P_m = \tau_m \omega_m\) and of the cables into the joint
-    \(P_j = \tau_j \omega_j\)
+    The task's power \(\tau_d \omega_j\) tells the side: while it is positive, work is
+    for the joint; while it is negative (a virtual spring is being loaded), for the
+    motor; while it is zero, for neither. With the power of the motor into the cables
+    \(P_m = \tau_m \omega_m\) and of the cables into the joint \(P_j = \tau_j \omega_j\)
 
     \[ \eta = \frac{W}{W + D}, \quad W_\text{motor drives} = \int_{\tau_d \omega_j > 0}
        P_j\,dt, \quad W_\text{wearer drives} = -\int_{\tau_d \omega_j < 0} P_m\,dt \]
 
-    where \(D\) is what friction took of the cables that the motor winds: at all times
-    of both \(W\) together, and for a direction alone while \(P_m + P_j\) has its sign,
-    positive for the motor. So the loss of winding up before any work is desired counts
-    for the motor. \(W + D\) is the work put in, without the energy that the elastic
-    cable stores, so storage cannot lift the ratio above 1; in steady motion it is the
-    plain ratio of power out to power in, \(e^{-\mu \theta}\) for one cable.
+    where \(D\) is the work that friction dissipates in the cables that the motor winds:
+    at all times for both \(W\) together, and for one direction alone while \(P_m +
+    P_j\) has its sign, positive for the motor. So losses while winding up before any
+    work is desired count for the motor. \(W + D\) is the work put in, without the
+    energy that the elastic cable stores, so storage cannot lift the ratio above 1; in
+    steady motion it is the ratio of power out to power in, \(e^{-\mu \theta}\) for one
+    cable.
 
-    A side that receives no work on the whole (friction takes more than the task means
-    to pass on, or that side has to help) has no efficiency: NaN; nor has one for which
-    less than a hundredth of the work that the task asks for, either way, is meant,
-    which is a tremble of the joint.
+    The efficiency is NaN if no net work arrives (friction dissipates more than the task
+    transmits, or the receiving side has to drive), and for a direction with less than a
+    hundredth of the task's work in both, which is a tremble of the joint.
     """
     time = log["time_s"]
     velocity = log["joint_velocity_rad_s"]
@@ -78,12 +77,12 @@ def efficiency(log: LogLike) -> Efficiency:
 
 
 def work_between_samples(time: Array, power: Array) -> Array:
-    """Return the trapezoidal integral between each two samples (T-1,)."""
+    """Return the trapezoidal work (T-1,) [J] between samples of power (T,) [W]."""
     return 0.5 * (power[1:] + power[:-1]) * np.diff(time)
 
 
 def _useful_work(arrived: Array, task_work: Array) -> float:
-    """Return the work that arrived while work was desired, unless nearly none was."""
+    """Return the work that arrived while that of the task was positive, >= 0 [J]."""
     wanted = task_work > 0
     if not task_work[wanted].sum() > 0.01 * np.abs(task_work).sum():
         return 0.0
@@ -111,7 +110,7 @@ def torque_error(log: LogLike) -> Array:
 
 
 def angle_error(log: LogLike) -> Array:
-    """Return joint angle minus the angle that the wearer aims for (T,) [rad]."""
+    """Return joint angle minus the wearer's reference angle (T,) [rad]."""
     found: Array = log["joint_angle_rad"] - log["reference_angle_rad"]
     return found
 
@@ -121,10 +120,10 @@ def mean_positive(power: Array) -> float:
 
 
 def torque_lag(log: LogLike) -> float:
-    """Return the lag of the joint torque behind the desired torque [s].
+    """Return the lag of joint torque behind desired torque [s]; see `signal_lag`.
 
-    NaN where the torques correlate by less than 0.8 as they are: then the one is not
-    the other early or late, but friction for example, out of phase by some 40 degrees.
+    NaN if the unshifted torques correlate by less than 0.8: then the error is not a
+    mere delay but due to friction, for example, which lags by some 40 degrees of phase.
     """
     # Steps of 5 ms suffice: `signal_lag` interpolates between them.
     thin = slice(None, None, max(1, round(5e-3 / period_of(log))))
@@ -136,12 +135,12 @@ def torque_lag(log: LogLike) -> float:
 
 
 def twist_backlash(log: LogLike) -> float:
-    r"""Return how far the joint can lag the motor with no torque between them [rad].
+    r"""Return the width [rad] of the loop of joint torque over twist at zero torque.
 
     The twist is \(\theta_m\,\rho - \theta_j\), with \(\rho\) the joint angle per motor
-    angle of an unstretched cable. Against twist, not against joint angle, the loop
-    shows the transmission and not the virtual environment that the task displays. The
-    width is `loop_width`; NaN without a ratio.
+    angle of an unstretched cable. Over twist, not over joint angle, the loop shows the
+    transmission and not the virtual environment that the task renders. The width is
+    `loop_width`; NaN without \(\rho\).
     """
     ratio = log.metadata.get(Key.RATIO)
     if ratio is None:
@@ -151,7 +150,7 @@ def twist_backlash(log: LogLike) -> float:
 
 
 def spring_backlash(log: LogLike) -> float:
-    """Return the distance of the zero crossings of a rendered spring's torque [rad]."""
+    """Return the angle [rad] between the zero crossings of a rendered spring."""
     if not log.metadata.get(Key.SPRING):
         return math.nan
     names = ("joint_angle_rad", "joint_torque_nm")
@@ -161,7 +160,7 @@ def spring_backlash(log: LogLike) -> float:
 
 
 def peak_rate(torque: Array, step: float) -> float:
-    """Return the fastest change of a torque (T,) [N m], over 10 ms [N m/s]."""
+    """Return the fastest change of a torque (T,) in 10 ms [N m/s], `step` in [s]."""
     gap = max(1, round(0.01 / step))
     if torque.size <= gap:
         return math.nan
@@ -169,13 +168,13 @@ def peak_rate(torque: Array, step: float) -> float:
 
 
 def motor_power(log: LogLike) -> Array:
-    """Return the power that the motor gives (T,) [W]."""
+    """Return the mechanical power of the motor (T,) [W]."""
     power: Array = log["motor_torque_nm"] * log["motor_velocity_rad_s"]
     return power
 
 
 def motor_heat(log: LogLike) -> Array:
-    """Return the heat of the winding, R (torque / (gearing k))^2 (T,) [W]."""
+    """Return the heat of the motor's winding (T,) [W], R (torque / (gearing k))^2."""
     gear = metadata_constant(log, Key.GEARING) * metadata_constant(
         log, Key.TORQUE_CONSTANT
     )
@@ -192,7 +191,7 @@ def thermal_load(log: LogLike) -> float:
 
 
 def least_tension(log: LogLike, *cables: str) -> Array:
-    """Return the least tension in some cables, by default the wound (T,) [N]."""
+    """Return the least tension in `cables`, by default the driven ones (T,) [N]."""
     names = [f"tension_{one}_nodes_n" for one in cables or driven_cables(log)]
     least = [
         np.concatenate([rows.min(axis=1) for rows in log.pieces(name)])
@@ -224,9 +223,9 @@ def peak_tension(log: LogLike, cable: str) -> float:
 
 
 def strength_used(log: LogLike, *cables: str) -> float:
-    """Return peak tension per breaking load of some cables, by default the wound.
+    """Return the largest peak tension over breaking load, by default of driven cables.
 
-    NaN where the breaking load of one is unknown.
+    NaN if a breaking load is unknown.
     """
     strength: Mapping[str, float] = log.metadata.get(Key.STRENGTH, {})
     shares = [
@@ -237,9 +236,9 @@ def strength_used(log: LogLike, *cables: str) -> float:
 
 
 def failed(log: LogLike) -> float:
-    """Return 1 for an episode that diverged, was unsafe or tore a cable, else 0.
+    """Return 1 for an episode that diverged, was unsafe or broke a cable, else 0.
 
-    NaN where it did not diverge and nobody knows what is safe.
+    NaN if it did not diverge and the safe torque is unknown.
     """
     torque = log["joint_torque_nm"]
     if not np.all(np.isfinite(torque)):
@@ -252,12 +251,12 @@ def failed(log: LogLike) -> float:
 
 
 def is_unstable(log: LogLike, scale: float) -> bool:
-    """Return whether the joint torque swings faster than any task demands.
+    """Return whether the joint torque oscillates faster than any task demands.
 
-    Its deviation from its moving mean over 0.1 s is, RMS, above a quarter of the
-    largest desired torque, and above a twentieth of a torque that counts for the
-    device, its safe torque for example [N m]: no limit is needed. And it goes to and
-    fro by as much, four times within 0.6 s; a pulse that overshoots does so twice.
+    The deviation from its moving mean over 0.1 s must have an RMS above a quarter of
+    the largest desired torque, and above a twentieth of `scale` [N m], such as the
+    device's safe torque. And it must alternate beyond these, four times within 0.6 s; a
+    pulse that overshoots does so twice.
     """
     period = period_of(log)
     deviation = mean_deviation(log["joint_torque_nm"], period, 0.1)
@@ -273,9 +272,9 @@ def is_unstable(log: LogLike, scale: float) -> bool:
 
 
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
-    """Return the sample from which a joint torque is unsafe; None where it never is.
+    """Return the first sample of an unsafe joint torque (T,) [N m]; None if safe.
 
-    More than `safe` [N m] for `MAX_UNSAFE_TIME` is a failure; `period` is the time
+    It is unsafe if above `safe` [N m] for `MAX_UNSAFE_TIME`; `period` is the time
     between samples [s].
     """
     beyond = np.concatenate([[False], np.abs(torque) > safe, [False]])
@@ -286,12 +285,12 @@ def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None
 
 
 def ripple(torque: Array, period: float, window: float = 0.05) -> float:
-    """Return the RMS of a torque minus its mean over a window [s]."""
+    """Return the RMS [N m] of a torque minus its moving mean; see `mean_deviation`."""
     return rms(mean_deviation(torque, period, window))
 
 
 def mean_deviation(torque: Array, period: float, window: float) -> Array:
-    """Return a torque minus its mean over a window [s], where the window fits."""
+    """Return a torque minus its moving mean over `window` [s], where that exists."""
     mean = signals.moving_mean(torque, period, window)
     first = (torque.size - mean.size) // 2
     deviation: Array = torque[first : first + mean.size] - mean
@@ -304,10 +303,10 @@ def period_of(log: LogLike) -> float:
 
 
 def held_backlash(log: LogLike) -> float:
-    """Return the width of the last loop of the swing at half its height [rad].
+    """Return the width [rad] of the last torque-twist loop of the swing, at mid torque.
 
-    Against twist, motor angle times ratio minus joint angle. A cable that only pulls
-    has no loop about zero, so the loop is taken about its middle.
+    The twist is motor angle times ratio minus joint angle. A cable that only pulls has
+    no loop about zero torque, so the loop is measured about its middle.
     """
     ratio = log.metadata[Key.RATIO]
     swing = (log["time_s"].size - 1) / SWING_PERIODS
@@ -324,10 +323,10 @@ def held_backlash(log: LogLike) -> float:
 
 
 def bandwidth(log: LogLike) -> float:
-    """Return the frequency at which the response has fallen 3 dB below its lowest [Hz].
+    """Return the frequency [Hz] at which the gain is 3 dB below the lowest band's.
 
-    It lies, on a logarithmic scale, between the centres of bands. It is `CHIRP_HIGH` if
-    the response stays above, and 0 if its lowest band is below 0.05: nothing arrives.
+    It is interpolated logarithmically between the centres of bands. It is `CHIRP_HIGH`
+    if the gain stays above, and 0 if that of the lowest band is below 0.05.
     """
     centre, gain = torque_response(log)
     if np.isnan(gain[0]):
@@ -343,11 +342,11 @@ def bandwidth(log: LogLike) -> float:
 
 
 def torque_response(log: LogLike) -> tuple[Array, Array]:
-    """Return centres of bands [Hz], and joint torque per desired torque in each.
+    """Return centres of bands [Hz], and the gain from desired to joint torque in each.
 
-    The response is the cross spectrum of the two torques over the power spectrum of the
+    The gain is the cross spectrum of the two torques over the power spectrum of the
     desired one, each summed over bands of a sixth of an octave, of which the lowest is
-    an octave; NaN where the samples are too rare for `CHIRP_HIGH`.
+    an octave; NaN if the sampling rate is too low for `CHIRP_HIGH`.
     """
     desired, actual = log["desired_torque_nm"], log["joint_torque_nm"]
     wanted = np.fft.rfft(desired - desired.mean())

@@ -5,8 +5,8 @@
     law = controller("pi", worn.drive)
     columns = batch.play(law, sensors.measure, ["joint_torque_nm"])
 
-The arithmetic of a device is that of the environment played alone, number by number, so
-its results are the same bits in any company and on any number of threads.
+Results of a device are bit-identical to those of its environment played alone, whatever
+the other devices of the batch and the number of threads.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ Mask = NDArray[np.bool_]
 
 
 class Worlds(Protocol):
-    """Simulations of n devices of one layout, as an environment advances them.
+    """Simulations of n devices of equal layout, as environments advance them.
 
-    `Simulations` has them in MuJoCo, `_warp_worlds.WarpWorlds` in mujoco_warp.
+    Implemented in MuJoCo by `Simulations`, in mujoco_warp by `_warp_worlds.WarpWorlds`.
     """
 
     physics: Physics
@@ -49,23 +49,23 @@ class Worlds(Protocol):
 
     @property
     def warned(self) -> Mask:
-        """Mask of the simulations whose episode ended with a warning, (n,)."""
+        """Mask (n,) of simulations that a MuJoCo warning ended, such as divergence."""
 
     def clear(self, rows: NDArray[np.intp]) -> None:
-        """Forget the past of some simulations, which `start` follows."""
+        """Clear the warnings of these simulations; call `start` for each next."""
 
     def vary(self, row: int, plant: Plant) -> None:
-        """Give a simulation a plant, that of its device's model now."""
+        """Give a simulation the plant that its device's model already has."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
-        """Bring a simulation to the start of an episode."""
+        """Bring a simulation to the start of an episode with this wearer's script."""
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance some by a sample, with (n, physics steps, controls)."""
+        """Advance rows `going` a sample by `control` (n, physics steps, controls)."""
 
 
 class Simulations:
-    """Simulations of n devices of one layout, advanced together by MuJoCo."""
+    """Simulations of n devices of equal layout, advanced together by MuJoCo."""
 
     def __init__(
         self,
@@ -74,9 +74,9 @@ class Simulations:
         models: Sequence[mujoco.MjModel] | None = None,
         threads: int = 0,
     ) -> None:
-        """Make n simulations, on the model of `exo` or on one each.
+        """Make `count` simulations, on the model of `exo` or on `models`, one each.
 
-        `start` every one before it is advanced. 0 threads are one per processor.
+        Call `start` for each before `advance`. 0 threads means one per processor.
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
@@ -111,7 +111,7 @@ class Simulations:
         script: Script,
         prepare: Callable[[mujoco.MjData], object] = lambda data: None,
     ) -> None:
-        """Bring a simulation to the start of an episode; `prepare` may change it."""
+        """Start an episode of a simulation; `prepare` may change its data last."""
         same = device is self._device
         data = self._data if same else mujoco.MjData(device.model)
         device.start(data, script.angles, script.part(0).commands[0])
@@ -125,14 +125,15 @@ class Simulations:
         self.physics.take(physics_of(data), row)
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance by a sample; see `Worlds`, and `roll` for what it raises."""
+        """Advance by one sample, see `Worlds`; raises as `roll` does."""
         self.roll(control.shape[1], going, control)
 
     @exclusive
     def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
-        """Advance some by physics steps, by default with the controls in their states.
+        """Advance the simulations `going` (n,) by `steps` physics steps.
 
-        If MuJoCo raises there is a `SimulationError` of `mujoco.batch`; see `why`.
+        Without `control` the controls stay. Raises `mujoco.batch.SimulationError`, see
+        `why`.
         """
         # `all` and `any` of NumPy take several times as long for small arrays.
         ids = going if b"\0" in going.tobytes() else None
@@ -151,7 +152,7 @@ class Simulations:
 
     @property
     def fell(self) -> Mask:
-        """Mask of the simulations that ended with a warning or an error, (n,)."""
+        """Mask (n,) of simulations that ended with a MuJoCo warning or an error."""
         fell: Mask = self.warned | (self.batch.status != 0)
         return fell
 
@@ -164,7 +165,7 @@ class Simulations:
 
 
 class Simulation:
-    """A simulation of one device, whose model and data others may look at."""
+    """`Worlds` of one device whose `MjModel` and `MjData` are accessible."""
 
     def __init__(self, device: DeviceModel) -> None:
         self.data = mujoco.MjData(device.model)
@@ -183,13 +184,13 @@ class Simulation:
         self.warned = np.zeros(1, np.bool_)
 
     def vary(self, row: int, plant: Plant) -> None:
-        """Take a plant, which the model has already; see `Worlds`."""
+        """Do nothing, as the model has the plant already; see `Worlds`."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
         device.start(self.data, script.angles, script.part(0).commands[0])
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance by a sample, or until a warning; see `Worlds`."""
+        """Advance by one sample, or until a MuJoCo warning; see `Worlds`."""
         model, data, given = self._model, self.data, self._control
         if self._others.size:  # those of the user stay what they are
             control[0][:, self._others] = given[self._others]
@@ -204,9 +205,9 @@ class Simulation:
 
 
 class Batch:
-    """Episodes of n devices of one layout, prepared together and played once.
+    """Episodes of n devices of equal layout, prepared together and played once.
 
-    A `DrivenDevice`, of arrays (n, ...) or, if it is `alone`, of numbers.
+    It is a `DrivenDevice` with arrays (n, ...) or, if `alone`, with numbers.
     """
 
     def __init__(
@@ -220,19 +221,19 @@ class Batch:
         whole: bool = False,
         alone: bool = False,
     ) -> None:
-        """Write the scripts and make the simulations.
+        """Write the wearers' scripts and make the simulations.
 
         Args:
             worn: Devices with their wearers, trajectories and tasks.
-            seeds: Seed of what each of their wearers does.
-            devices: Variants of the only `worn` that play its script in its place.
+            seeds: Random seed of each wearer's motion.
+            devices: Variants of the only `worn`, played with its script instead of it.
             threads: Threads that simulate; 0 means one per processor.
             name: Name of the controller, for the reasons of failures.
-            whole: Whether the columns are those of an episode log, (n, ...), rather
-                than what sensors measure and `least_tension_n`, `tension_n` and
+            whole: True for all columns of an episode log, (n, ...); False for those
+                that sensors measure, `least_tension_n`, `tension_n` and
                 `dissipated_j`.
-            alone: Whether the only device gives columns of numbers and raises where
-                its simulation fails.
+            alone: True for the only device to give columns of numbers, and to raise
+                `CableError` when its simulation fails.
         """
         exo, devices = worn[0], devices or [one.device for one in worn]
         self._scripts = [
@@ -270,7 +271,7 @@ class Batch:
 
     @property
     def script(self) -> Script:
-        """Script of the first device."""
+        """Script of the first device's wearer."""
         return self._scripts[0]
 
     def play(
@@ -280,13 +281,13 @@ class Batch:
         names: Sequence[str],
         *observers: Observer,
     ) -> dict[str, Array]:
-        """Play the episode; one whose simulation fails is NaN from then on.
+        """Play the episode; a device whose simulation fails is NaN from then on.
 
         Args:
             law: Controller of all devices.
-            measure: Returns what the controller reads of the columns.
-            names: Names of the columns to keep.
-            observers: As of `run`, and so are errors.
+            measure: Function from the columns to the controller's measurements.
+            names: Names of the columns to return.
+            observers: Called at every control step, see `run`, which tells the errors.
 
         Returns:
             Columns by name, (steps + 1, n, ...).
@@ -297,12 +298,12 @@ class Batch:
         return trace.columns
 
     def reload(self) -> None:
-        """Play on with the values that the models of `devices` have now."""
+        """Continue with the parameters that the models of `devices` have now."""
         self.simulations.batch.set_models([device.model for device in self.devices])
 
     @exclusive
     def start(self) -> Columns:
-        """Bring all to the start, once; see `DrivenDevice.start`."""
+        """Start all simulations, once per batch; see `DrivenDevice.start`."""
         if self._step:
             raise CableError("a batch is played once; make another one.")
         for row, device in enumerate(self.devices):
@@ -313,7 +314,7 @@ class Batch:
 
     @exclusive
     def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `DrivenDevice.advance`."""
+        """Advance a control step; see `DrivenDevice.advance`."""
         if self._alone:
             torque = np.reshape(torque, (1, -1))
         if self.actuate is not None:

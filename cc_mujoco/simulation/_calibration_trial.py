@@ -1,10 +1,10 @@
-"""Calibration of hysteresis on a simulated device, as it is done on a bench.
+"""Simulated calibration trials for hysteresis compensation, as on a bench.
 
     trial = calibration_trials(["endoscope"])[0]
     found = fit_hysteresis(trial, drive)
 
-On a bench the joint is measured, for example by a camera, although the device has no
-sensor there; so it is here.
+On a bench a camera, for example, measures the joint although the device has no sensor
+there; the simulated trial has the joint angle too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cc_mujoco.simulation._simulate import simulate
 def calibration_trials(
     plants: Sequence[str | Path | Device | Plant], duration: float = 12.0
 ) -> list[HysteresisTrial]:
-    """Play a slow course of the joint in loops of many sizes.
+    """Simulate a slow motion of the joint in loops of many sizes, for each plant.
 
     Args:
         plants: Plants of one device with one axis, see `simulate`.
@@ -35,7 +35,7 @@ def calibration_trials(
         The trial of each plant.
 
     Raises:
-        CableError: The device has several axes, somebody else moves the joint, or a
+        CableError: The device has several axes, its wearer moves the joint, or a
             plant cannot be simulated.
     """
     made = [one if isinstance(one, Plant) else Plant(one) for one in plants]

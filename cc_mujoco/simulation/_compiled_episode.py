@@ -1,14 +1,13 @@
-"""An episode inside MuJoCo's own steps: task, controller and record, compiled.
+"""An episode inside MuJoCo's own steps: task, controller and recording, compiled.
 
-A batch that comes back to Python at every control step spends more time there, and on
-fetching every simulation into the cache anew, than on physics. Where task and
-controller are known as compiled code, a plugin of the models calls them when a step
-ends, and a simulation goes through its episode in one go.
+A batch that returns to Python at every control step spends more time there, and on
+reloading every simulation into the cache, than on physics. If task and controller are
+compiled, a plugin of the model calls them at the end of physics steps, and each
+simulation runs through its episode in one call.
 
-`advance` is called when a step has new positions and velocities and still the forces
-that acted in it, which is what a control step of an environment reads. The formulas are
-those of `human._tasks` and `control._law_steps`; here is only where their arguments
-lie.
+MuJoCo calls `advance` when a step has new positions and velocities but still the forces
+that acted in it, as an environment reads them at a control step. The formulas are those
+of `human._tasks` and `control._law_steps`; this module only passes their arguments.
 """
 
 from __future__ import annotations
@@ -148,7 +147,7 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
 
 @internal
 def _play(data: MjData, record: EpisodeRecord) -> None:
-    """Run the control and recording that are due after `count` physics steps."""
+    """Control and record as due after `record.count` physics steps."""
     count, skip = record.count, record.skip
     if count % skip == 0:
         step = count // skip
@@ -177,16 +176,16 @@ def _play(data: MjData, record: EpisodeRecord) -> None:
 def begin_episode() -> Any:
     """Return the C function that starts an episode.
 
-    It takes the addresses of the `MjData` and of the record.
+    Its arguments are the addresses of the `MjData` and of the `EpisodeRecord`.
     """
     kind = ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))
     return kind(("cc_mujoco_episode_begin", native_library.library()))
 
 
 def attend(spec: mujoco.MjSpec) -> None:
-    """Add to a scene the plugin instance that advances compiled episodes.
+    """Add to a scene the plugin instance that runs compiled episodes.
 
-    Its instance has neither state nor force, so that nothing else becomes of them.
+    The instance has no state and no force, so it does not change the physics.
     """
     if not LIBRARY.mjp_getPlugin(PLUGIN.encode(), None):
         names = "nstate", "advance"

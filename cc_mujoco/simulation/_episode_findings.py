@@ -1,4 +1,4 @@
-"""Findings on an episode in sentences, for a user who plays one."""
+"""Sentences for the user on an episode that was unsafe, unstable, guarded or slack."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Guards:
 
 
 def _action(state: float, limb: str, safe: float) -> str:
-    """Return what a guard did to a joint of a safe torque [N m], and the cause."""
+    """Return words for a guard's state at joint `limb` of safe torque `safe` [N m]."""
     return {
         guard.RELEASED: f"let joint {limb!r} go, as its torque, or that with which the "
         f"cables would stop its motor, came too close to the safe {safe:g} N m",

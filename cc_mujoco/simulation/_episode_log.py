@@ -1,7 +1,6 @@
-"""Episode log: columns of samples with units, the truth of an episode.
+"""Episode log: the true course of an episode as columns of samples with units.
 
-All results of an episode come from one log: the Parquet file, the metrics, the figure
-and the Rerun recording.
+The Parquet file, metrics, figure and Rerun recording all come from one log.
 
     recorder = Recorder(("flexor", "extensor"), {"scene": "wrist", "seed": 0})
     recorder.record(info)              # once per step; `info` as environments give it
@@ -11,7 +10,7 @@ and the Rerun recording.
     EpisodeLog.read("log.parquet")     # equal to `log`, bit for bit
     EpisodeLog.open("log.parquet")     # likewise, with every column read on demand
 
-A long episode is written while it runs, by `log_file`, and opened: neither needs memory
+A long episode is written by `log_file` while it runs, and opened: neither needs memory
 that grows with its length. `pieces`, `rows` and `thinned` read such a log in parts.
 """
 
@@ -100,7 +99,7 @@ class EpisodeLog:
         return self._columns.count
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one column; of an unknown one the error names the nearest match."""
+        """Return one column; raise `CableError` with the nearest name if unknown."""
         return self._columns.known(name)[name]
 
     def __eq__(self, other: object) -> bool:
@@ -124,19 +123,20 @@ class EpisodeLog:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes; none where there is only one."""
+        """Names of the axes; () if there is only one."""
         return tuple(prefix.rstrip(".") for prefix in self.prefixes if prefix)
 
     def each_axis(self) -> list[tuple[str, EpisodeLog | AxisLog]]:
-        """Return the name and the log of every axis; the name of a single one is ""."""
+        """Return (name, log) of every axis; the name of a single axis is ""."""
         if not self.axes:
             return [("", self)]
         return [(name, AxisLog(self, name)) for name in self.axes]
 
     def axis(self, name: str | None = None) -> EpisodeLog | AxisLog:
-        """Return the log of one axis, with plain names; by default of the only one.
+        """Return the log of one axis, whose columns have no prefix.
 
-        An unknown name, and none where there are several, is refused.
+        The default is the only axis. Raises `CableError` for an unknown name, or for
+        None if there are several axes.
         """
         if name is None and not self.axes:
             return self
@@ -153,11 +153,11 @@ class EpisodeLog:
         yield from self._columns.known(name).pieces(name)
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        """Return some rows of a column, without all of it in memory.
+        """Return some rows of a column, without loading all of it.
 
         Args:
             name: Name of the column.
-            samples: Indices of the samples, rising, (n,).
+            samples: Indices of the samples, increasing, (n,).
 
         Returns:
             The rows, (n,) or (n, width).
@@ -170,7 +170,7 @@ class EpisodeLog:
     def thinned(self, most: int) -> EpisodeLog:
         """Return every k-th sample, with the least k that leaves at most `most`.
 
-        Its columns are read on demand. A log that is no longer is returned itself.
+        Its columns are read on demand. A log of at most `most` samples returns itself.
         """
         every = -(-len(self) // most)
         if every <= 1:
@@ -179,7 +179,7 @@ class EpisodeLog:
         return EpisodeLog._over(kept, self.metadata)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write a Parquet file; an older file at `path` stays until this is whole.
+        """Write a Parquet file; a file at `path` is replaced when this one is complete.
 
         Units and meanings are in the field metadata, the log's metadata is JSON under
         the schema metadata key `cc_mujoco`.
@@ -210,7 +210,7 @@ class EpisodeLog:
 
 
 class _Columns(Mapping[str, NDArray[Any]]):
-    """Columns by name, of which some rows can be read without the others."""
+    """Columns by name; single rows of a column can be read without the others."""
 
     def __init__(self, names: Iterable[str], count: int) -> None:
         self.names, self.count = tuple(names), count
@@ -225,7 +225,7 @@ class _Columns(Mapping[str, NDArray[Any]]):
         return name in self.names
 
     def known(self, name: str) -> _Columns:
-        """Return the columns, which have one of that name or are refused."""
+        """Return these columns; raise `CableError` if none has that name."""
         if name not in self.names:
             raise CableError.unknown("log column", name, self.names)
         return self
@@ -301,7 +301,7 @@ class _FileColumns(_Columns):
 
 
 class _KeptRows(_Columns):
-    """Some rows of other columns; scalar columns are remembered."""
+    """A selection of rows of other columns; scalar columns are cached."""
 
     def __init__(self, whole: _Columns, kept: NDArray[np.integer]) -> None:
         super().__init__(whole.names, len(kept))
@@ -321,7 +321,7 @@ class _KeptRows(_Columns):
 
 
 class LogFile:
-    """Log of an episode that is written to a file while it runs; see `log_file`."""
+    """Episode log that is written to a file during the episode; see `log_file`."""
 
     def __init__(
         self,
@@ -330,7 +330,7 @@ class LogFile:
         metadata: Mapping[str, Any],
         prefixes: Iterable[str] = ("",),
     ) -> None:
-        """Prepare; the file begins with the first samples."""
+        """Prepare; the file is created with the first samples."""
         self._path, self._schema = path, columns_for(cables, prefixes)
         self._metadata = _to_json(metadata).encode()
         self._writer: Any = None
@@ -338,7 +338,7 @@ class LogFile:
         self._count = 0
 
     def keep(self, step: int, columns: Mapping[str, Any], _: Any) -> None:
-        """Append the columns of a control step; an `Observer` of an episode."""
+        """Append the columns of a control step; an `Observer` for `run`."""
         if not self._pending:
             for column in self._schema:
                 shape = PIECE_ROWS, *np.shape(columns[column.name])
@@ -350,7 +350,7 @@ class LogFile:
             self._flush()
 
     def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write rows (rows,) or (rows, width) by name as one row group."""
+        """Write columns by name, (rows,) or (rows, width), as one Parquet row group."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -393,7 +393,7 @@ def log_file(
     metadata: Mapping[str, Any],
     prefixes: Iterable[str] = ("",),
 ) -> Iterator[LogFile]:
-    """Write a log while its episode runs; `path` is there when the block succeeds.
+    """Yield a log to fill during an episode; `path` appears if the block succeeds.
 
         with log_file("log.parquet", batch.cables, about) as file:
             run(plant, controller, file.keep)
@@ -402,11 +402,11 @@ def log_file(
     Memory holds `PIECE_ROWS` samples, however long the episode is.
 
     Args:
-        path: File to write, with the ending `.parquet`; an older one stays until this
-            is whole.
-        cables: Names of the cables whose columns every sample brings.
+        path: File to write, with the ending `.parquet`; an existing file is replaced
+            when this one is complete.
+        cables: Names of the cables whose columns every sample contains.
         metadata: JSON-serializable description of the episode.
-        prefixes: Beginnings of the columns of each axis.
+        prefixes: Prefix of the columns of each axis.
 
     Raises:
         CableError: If nothing was recorded or the file cannot be written.
@@ -424,7 +424,7 @@ def log_file(
 
 
 class AxisLog:
-    """Log of one axis of several: its columns under plain names."""
+    """Log of one of several axes; its columns have no prefix."""
 
     def __init__(self, whole: EpisodeLog, name: str) -> None:
         self._whole, self._prefix, self.name = whole, f"{name}.", name
@@ -448,7 +448,7 @@ class AxisLog:
 
 
 class Recorder:
-    """Collector of samples for an `EpisodeLog`."""
+    """Collects samples into an `EpisodeLog`."""
 
     def __init__(
         self,
@@ -456,18 +456,18 @@ class Recorder:
         metadata: Mapping[str, Any],
         prefixes: Iterable[str] = ("",),
     ) -> None:
-        """Prepare an empty log with the columns of these cables and axes.
+        """Prepare an empty log with the columns of these cables and axis prefixes.
 
-        The metadata describe the episode and are JSON-serializable.
+        `metadata` describes the episode and must be JSON-serializable.
         """
         self.metadata = dict(metadata)
         self._schema = columns_for(cables, prefixes)
         self._rows: dict[str, list[Any]] = {c.name: [] for c in self._schema}
 
     def record(self, info: Mapping[str, Any]) -> None:
-        """Append one sample; keys that are not columns are ignored.
+        """Append one sample from `info`; keys that are not columns are ignored.
 
-        A missing column, and a list of another length than before, is refused.
+        Raises `CableError` if a column is missing or its length has changed.
         """
         row = []
         for column in self._schema:
@@ -487,7 +487,7 @@ class Recorder:
             self._rows[column.name].append(value)
 
     def log(self) -> EpisodeLog:
-        """Return the samples so far, one at least."""
+        """Return the samples recorded so far; at least one is needed."""
         if not self._rows["time_s"]:
             raise CableError("nothing was recorded: call record(info) at least once.")
         columns = {name: np.stack(rows) for name, rows in self._rows.items()}

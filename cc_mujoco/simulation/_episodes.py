@@ -1,11 +1,11 @@
-"""Episodes of n devices that actions drive: what all environments are made of.
+"""Episodes of n devices driven by actions, the basis of all environments.
 
     episodes = Episodes(exo, worlds, count)
     episodes.begin([0, 1], generators, options)
     terms = episodes.step(actions, going)              # (4, n), see `REWARD_TERMS`
     episodes.observation()                             # (n, size)
 
-A single environment is one of them, a vector environment n.
+A single environment has n = 1, a vector environment any n.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _TRACKING, _EFFORT, _SMOOTHNESS, REWARD = range(4)
 
 
 class AxisSensors(NamedTuple):
-    """Sensors of an axis in n environments, and the cost of its error."""
+    """Sensors of an axis in n environments, and the cost of its tracking error."""
 
     places: IntArray  # rows of the table that are measured (k,)
     actual: int  # row of the table that should be as `wanted`
@@ -56,14 +56,14 @@ class AxisSensors(NamedTuple):
 
 
 class Episodes:
-    """Episodes of n devices of one layout, each begun and driven by itself."""
+    """Episodes of n devices of equal layout, each started and driven independently."""
 
     def __init__(
         self, exo: WornDevice, worlds: Worlds, count: int, is_vector: bool = True
     ) -> None:
-        """Prepare n rows; call `begin` for each before it is stepped.
+        """Prepare `count` rows; call `begin` for each before it is stepped.
 
-        Actions of a vector are (n, axes), of a single environment (axes,).
+        Actions are (n, axes) for a vector, and (axes,) for a single environment.
         """
         self.exo, self.worlds = exo, worlds
         nominal = exo.plants.nominal
@@ -107,7 +107,8 @@ class Episodes:
     ) -> None:
         """Begin an episode in some rows, each with its own random generator.
 
-        `options` are what their plants are, by name; impossible ones are refused.
+        `options` are parameters of their plants by name; raises `CableError` for
+        impossible ones.
         """
         exo, worlds = self.exo, self.worlds
         worlds.clear(np.array(rows, np.intp))
@@ -131,7 +132,7 @@ class Episodes:
         self._look(self._none, fresh, np.zeros((4, len(fresh))))
 
     def _begin_sensors(self, row: int, rng: np.random.Generator) -> None:
-        """Begin an episode of the sensors; draw errors of torque if there are any."""
+        """Reset the sensors of a row; sample their delay and torque noise."""
         exo, values = self.exo, self.plants[row].values
         noise = float(values.get("noise", 0.0))
         delay = int(values.get("delay", 0))
@@ -153,12 +154,11 @@ class Episodes:
             self._sensors[n] = sensors
 
     def step(self, action: Any, going: Mask | None = None) -> NDArray[np.float64]:
-        """Advance some devices a control step; return the terms of the reward.
+        """Advance the rows `going` (n,) by a control step; return the rewards (4, n).
 
-        Actions are shares of the largest torque of each motor, cut to [-1, 1], (n,
-        axes), or of a single environment (axes,); `going` is the mask of those that are
-        advanced (n,). Terms are `REWARD_TERMS` and their sum, (4, n). Actions of
-        another shape, or not finite, are refused.
+        Actions (n, axes), or (axes,) for a single environment, are fractions of each
+        motor's largest torque, clipped to [-1, 1]. The result has the `REWARD_TERMS`
+        and their sum. Raises `CableError` for actions of wrong shape or not finite.
         """
         exo, worlds = self.exo, self.worlds
         going = self._all if going is None else going
@@ -182,7 +182,7 @@ class Episodes:
         return terms
 
     def _numbers(self, action: Any) -> NDArray[np.float64]:
-        """Return the actions as numbers (n, axes), in an array of their own."""
+        """Return the actions as a new array of numbers (n, axes)."""
         shape = self._action_shape
         try:
             given = np.asarray(action)
@@ -200,7 +200,7 @@ class Episodes:
         return numbers
 
     def _look(self, going: Mask, fresh: Mask, terms: NDArray[np.float64]) -> None:
-        """Take a sample of all sensors, and add to the reward for tracking."""
+        """Sample the sensors of rows `going` or `fresh`; add the tracking reward."""
         self._table = table = self.wiring.read(self.worlds.physics, self.samples)
         first, sampling = 0, self.exo.sampling
         axes = zip(self._sensors, self._histories, strict=True)
@@ -219,12 +219,12 @@ class Episodes:
         return self._table, physics.qpos.copy(), physics.plugin_state.copy()
 
     def columns(self, snapshot: Sequence[NDArray[Any]]) -> dict[str, Any]:
-        """Return all columns of an episode log at a `snapshot`, (n, ...)."""
+        """Return all columns of an episode log, (n, ...), from a `snapshot`."""
         table, qpos, state = snapshot
         return self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
 
     def take(self, other: Episodes) -> None:
-        """Continue the episodes of another, whose state `worlds` have."""
+        """Continue the episodes of another object, whose state `worlds` already has."""
         self.plants, self._current_plant = list(other.plants), other._current_plant
         self.samples[:], self._actions[:] = other.samples, other._actions
         self._observed[:] = other._observed
@@ -244,10 +244,11 @@ def _charge(
     smoothness: float,
     terms: FloatMatrix,
 ) -> bool:
-    """Cut actions to [-1, 1], 0 in other rows, and write the rewards of their use.
+    """Clip actions to [-1, 1], zero where not `going`, and write their reward terms.
 
-    Those of full torque and of a change by 1 are given; `before` becomes `actions`.
-    Where an action of a row that goes on is not finite, do nothing and return False.
+    `effort` and `smoothness` are the rewards of full torque and of a change by 1;
+    actions are copied to `before`. If a going row's action is not finite, return False
+    unchanged.
     """
     axes = actions.shape[1]
     for row in range(actions.shape[0]):
@@ -282,10 +283,10 @@ def _sense(
     observed: FloatMatrix,
     first: int,
 ) -> None:
-    """Take a sample of the sensors of the n-th axis, in rows that go on or begin.
+    """Sample the sensors of axis `n`, in rows that are `going` or `fresh` (just begun).
 
-    `costs` are those of the errors of the axes so far, per second (n,). The
-    observation of the axis is written to `observed` from column `first` on.
+    `costs` (n,) accumulates the tracking costs of the axes per second. The observation
+    of the axis is written to `observed` from column `first` on.
     """
     last = sensors.errors.shape[1] - 1
     for row in range(samples.size):

@@ -1,8 +1,7 @@
-"""Columns of an episode log: one table of names, units and meanings.
+"""Table of the columns of an episode log: names, units and meanings.
 
-They hold the truth, not the measurements of a controller (`cc_mujoco.device._sensors`).
-The dictionary that an environment returns as `info` has exactly these keys, so the
-table is the documentation of both.
+They hold true values, not the measurements of a controller (`device._sensors`). The
+dictionary `info` of an environment has exactly these keys, so the table documents both.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ TIME_COLUMN, POSE_COLUMN = (
 
 
 def _columns(of: str) -> tuple[LogColumn, ...]:
-    """Return the columns of `log_columns.csv` that are of an axis, or of a cable."""
+    """Return the columns of `log_columns.csv` that belong to an `axis` or a `cable`."""
     sheet = read_sheet(Path(__file__).with_name("log_columns.csv"))
     rows = (row.cells for row in sheet.rows if row.cells[0] == of)
     return tuple(
@@ -52,7 +51,7 @@ each cable."""
 def columns_for(
     cables: Iterable[str], prefixes: Iterable[str] = ("",)
 ) -> tuple[LogColumn, ...]:
-    """Return the columns of a log with these cables and axes, in file order."""
+    """Return the columns of a log with these cables and axis prefixes, in order."""
     axes, own = product(prefixes, AXIS_COLUMNS), product(cables, CABLE_COLUMNS)
     return (
         TIME_COLUMN,
@@ -63,13 +62,13 @@ def columns_for(
 
 
 def prefixes_in(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the beginnings of the columns of each axis among these names, in order."""
+    """Return the axis prefixes of these columns, in order."""
     end = AXIS_COLUMNS[0].name
     return tuple(name[: -len(end)] for name in names if name.endswith(end))
 
 
 def cables_in(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the cables whose columns are among these names, in order."""
+    """Return the names of the cables that have columns among these, in order."""
     start, end = CABLE_COLUMNS[-2].name.split("{cable}")
     own = [name for name in names if name.startswith(start) and name.endswith(end)]
     return tuple(name[len(start) : -len(end)] for name in own)

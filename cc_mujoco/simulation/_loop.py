@@ -1,14 +1,14 @@
-"""Loop of an episode, of one device or of many at once.
+"""Control loop of an episode, of one device or of many at once.
 
     plant = Single(env, seed=0)
     trace = Trace(("joint_torque_nm",), plant.steps)
     run(plant, controller, trace.keep, measure=measuring.measure)
     trace.columns["joint_torque_nm"]                            # (steps + 1,)
 
-A plant gives columns, numbers or arrays over devices; the controller gets their
-measurements; observers get the columns and the torque; the plant advances. Recorded
-episodes, cells of the benchmark and batches of designs differ in their plants and
-observers.
+At each control step the plant gives columns (numbers, or arrays over devices), the
+controller gets measurements of them and returns a torque, observers get columns and
+torque, and the plant advances. Recorded episodes, cells of the benchmark and batches of
+designs differ in their plants and observers.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ raise."""
 
 
 class DrivenDevice(Protocol):
-    """Plant that a controller drives: one device, or several as arrays."""
+    """Plant for `run`: one device, or several whose columns are arrays over devices."""
 
     steps: int  # control steps in an episode
     prefixes: tuple[str, ...]
     """Column prefix of each axis; one that is empty for a single axis."""
 
     def start(self) -> Columns:
-        """Begin the episode."""
+        """Begin the episode; return its columns at the start."""
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Advance a control step with a motor torque [N m], one for all or for each.
+        """Advance a control step with motor torques [N m]; return the columns.
 
-        Of several axes the torques are (..., axes). That of one device is finite; of
-        several, one whose torque is not has failed. Where the episode cannot go on
-        there is a `CableError`.
+        The torque is a number for all devices or (devices,), with several axes (...,
+        axes). For one device it is finite; of several, one whose torque is not finite
+        has failed. Raises `CableError` if the episode cannot go on.
         """
 
 
@@ -60,9 +60,10 @@ def run(
 
     Args:
         plant: Device that is driven.
-        controller: Controller that drives it; reset before.
+        controller: Controller that drives it; it is reset first.
         observers: Called at every control step, from the start to the end.
-        measure: Measurements of the controller by columns; all columns by default.
+        measure: Function from the columns to the controller's measurements; by
+            default the columns themselves.
         name: Name of the controller, for error messages; its own, or that of its class,
             by default.
 
@@ -111,14 +112,15 @@ def unstable(why: str) -> CableError:
 
 
 class Single:
-    """The device of one environment."""
+    """One environment as a `DrivenDevice`."""
 
     def __init__(
         self, env: Any, seed: int, options: Mapping[str, float] | None = None
     ) -> None:
         """Prepare one of this package's environments, wrapped or not.
 
-        The reset has the seed and the options, values of the plant by name.
+        It is reset with `seed` and `options`, which are parameters of the plant by
+        name.
         """
         self._env, self._inner, self._seed = env, env.unwrapped, seed
         self._options = None if options is None else dict(options)
@@ -139,21 +141,21 @@ class Single:
 
 
 class Trace:
-    """Columns of an episode, kept step by step."""
+    """Recorder of some columns of an episode, in memory."""
 
     def __init__(
         self, names: Sequence[str], steps: int, going: NDArray[np.bool_] | None = None
     ) -> None:
-        """Prepare for the named columns of an episode of so many control steps.
+        """Prepare for columns `names` of an episode of `steps` control steps.
 
-        Of many devices those of the mask `going` are kept at each step.
+        With a mask `going` (devices,), which may change, others' values stay NaN.
         """
         self._names, self._steps, self._active_mask = tuple(names), steps, going
         self.columns: dict[str, NDArray[np.float64]] = {}
         """Columns by name, (steps + 1, ...); NaN where nothing was kept."""
 
     def keep(self, step: int, columns: Columns, _: NDArray[np.float64]) -> None:
-        """Keep the columns of a control step; an `Observer`."""
+        """Record the columns of a control step; an `Observer` for `run`."""
         if not self.columns:
             self.columns = {
                 name: np.full((self._steps + 1, *np.shape(columns[name])), np.nan)

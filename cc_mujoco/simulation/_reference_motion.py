@@ -1,4 +1,4 @@
-"""Motion of the wearer in an episode, computed before it begins."""
+"""Scripts: the wearer's motion in an episode, computed before it begins."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PART_STEPS = 16_384  # control steps of a script that are computed at once
 
 
 class ScriptPart(NamedTuple):
-    """`PART_STEPS` control steps of a script, or its last ones."""
+    """`PART_STEPS` consecutive control steps of a script, or the rest of it."""
 
     commands: Array
     """Controls of the wearer before every physics step, (physics steps, k).
@@ -44,9 +44,9 @@ class ScriptPart(NamedTuple):
 
 
 class Script:
-    """Part of the wearer in an episode of n control steps and m physics steps.
+    """Controls of the wearer, and reference motion, for an episode of n control steps.
 
-    A long one is computed in parts on demand, and holds the last of them.
+    It is computed in parts on demand; only the latest part stays in memory.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class Script:
         count: int,
         work_out: Callable[[int], ScriptPart],
     ) -> None:
-        """Prepare; `work_out` returns the part of a number below `count`.
+        """Prepare for `count` parts; `work_out` computes the part of a number.
 
-        `angles` are the first angles of the joints that the wearer moves [rad].
+        `angles` are the initial angles of the joints that the wearer moves [rad].
         """
         self.angles = angles
         self.count, self._work_out = count, work_out
@@ -78,7 +78,7 @@ class Script:
         return np.concatenate([part.marks for part in self._parts()])
 
     def mark(self, place: int) -> Array:
-        """Return one column of the marks, (n + 1,), without the others in memory."""
+        """Return column `place` of the marks, (n + 1,), without loading the others."""
         return np.concatenate([part.marks[:, place] for part in self._parts()])
 
     def _parts(self) -> Iterator[ScriptPart]:
@@ -86,10 +86,9 @@ class Script:
 
 
 class Author:
-    """Author of a script for every episode.
+    """Source of a script for every episode.
 
-    A trajectory that draws no random numbers is the same in every episode, and so is
-    its script.
+    A trajectory without randomness gives all episodes the same script.
     """
 
     def __init__(
@@ -100,10 +99,10 @@ class Author:
         steps: int,
         frame_skip: int,
     ) -> None:
-        """Prepare; warn of a recorded motion or torque that ends before the episode.
+        """Prepare; warn if a recorded motion or torque ends before the episode.
 
-        The trajectory and the task are of each axis; sources that are the same
-        trajectory are one motion. A control step has `frame_skip` physics steps.
+        There is a trajectory and a task per axis; equal trajectories are sampled once.
+        A control step has `frame_skip` physics steps.
         """
         duration = steps * frame_skip * float(device.model.opt.timestep)
         for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):
@@ -126,9 +125,9 @@ class Author:
         self._wearers = device.wearers  # wearers of that script
 
     def write(self, rng: np.random.Generator) -> Script:
-        """Write the script of an episode.
+        """Return the script of an episode, with random numbers of `rng`.
 
-        A motion in which a joint would leave its range is refused.
+        Raises `CableError` if the motion would move a joint out of its range.
         """
         wearers = self._device.wearers
         if self._single_script is not None and wearers == self._wearers:
@@ -198,9 +197,9 @@ class Author:
     def _motions(
         self, sampled: Mapping[int, Motion]
     ) -> tuple[dict[str, Motion], list[Motion]]:
-        """Return the motion of every joint that is moved, and that of every axis.
+        """Return the motion of every moved joint by name, and that of every axis.
 
-        `sampled` has the motion of every source, or a part of it, by `id`.
+        `sampled` has the motion, or a part of it, of each trajectory by its `id`.
         """
         device = self._device
         moved: dict[str, Motion] = {}
@@ -284,12 +283,12 @@ def _require_range(model: mujoco.MjModel, name: str, least: float, most: float) 
 
 
 def resting(motion: Motion, angle: float) -> Motion:
-    """Return a motion that stays at an angle, with the phase of another."""
+    """Return a motion at a constant angle [rad], with times and phase of `motion`."""
     still = np.zeros_like(motion.time)
     return Motion(motion.time, still + angle, still, still, motion.phase)
 
 
 def scripted(task: Task) -> bool:
-    """Return whether a task's torque follows from the motion, the same for all rows."""
+    """Return whether a task's torque depends on phase only, equally for all devices."""
     nothing = np.zeros(1)
     return task.of_phase and np.size(task.torque(nothing, nothing, nothing)) == 1

@@ -1,7 +1,7 @@
-"""Many designs at once, with perfect sensors: a study compares transmissions.
+"""Episodes of many designs at once with perfect sensors, to compare transmissions.
 
-Where task and controller are known as compiled code, they run inside MuJoCo's steps,
-with the same bits.
+If task and controller are compiled, they run inside MuJoCo's steps, with results
+bit-identical to those of the loop in Python.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """An episode of n designs at T control steps, the reset included.
+    """Episodes of n designs with T samples each, the start included.
 
-    Columns are those of an episode log, (n, T). Those of c cables are (n, c, T) and
-    `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
-    `least_tension_n` is below 0 where a cable is slack.
+    Columns are those of an episode log, (n, T). With c cables, columns of cables are
+    (n, c, T), except `tension_n` (n, 2 c, T) with the proximal and distal end of each
+    cable in turn. `least_tension_n` is below 0 where a cable is slack.
     """
 
     columns: dict[str, Array]
@@ -80,7 +80,7 @@ class Rollout:
 
 
 def attended(plant: Plant) -> mujoco.MjModel:
-    """Compile the bare model of a plant that may be played inside MuJoCo's steps."""
+    """Compile a plant's model with the plugin that runs compiled episodes."""
     spec = plant.spec()
     with _one:  # two threads would register the plugin twice
         compiled.attend(spec)  # at last, as a copy loses what no element refers to
@@ -93,9 +93,9 @@ def play(
     threads: int = 1,
     tick: Callable[[float], object] = lambda share: None,
 ) -> Rollout:
-    """Play an episode on each of several models of equal layout, one per design.
+    """Simulate an episode on each of several models of equal layout, one per design.
 
-    `tick` is called now and then with the share that is done.
+    `tick` is called from time to time with the fraction done.
     """
     exo = episode.exo(models[0])
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
@@ -144,7 +144,7 @@ def _compiled_laws(
     devices: Sequence[DeviceModel],
     exo: WornDevice,
 ) -> list[Controller | None] | None:
-    """Return the laws that run inside MuJoCo's steps; None where only Python can."""
+    """Return compiled controllers, one per drive; None if only Python can run them."""
     laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
     plain = all(axis.plain for device in devices for axis in device.axes)
     if not plain or task_of(exo.task) is None or law_of(laws[0]) is None:
@@ -155,12 +155,12 @@ def _compiled_laws(
 
 
 def task_of(task: Task) -> int | None:
-    """Return the code of a task in the record; None if only Python can compute it."""
+    """Return a task's code in `EpisodeRecord`; None if only Python can compute it."""
     return TASK_CODES.get(type(task), OF_PHASE if task.of_phase else None)
 
 
 def law_of(controller: Controller | None) -> int | None:
-    """Return the code of a law, None of no torque, in the record; None if Python's."""
+    """Return a controller's (None: no torque) code in the record; None if Python's."""
     if controller is None:
         return compiled.UNPOWERED
     law = stepped_law(type(controller))
@@ -173,11 +173,10 @@ def _play_inside(
     controllers: Sequence[Controller | None],
     tick: Callable[[float], object],
 ) -> dict[str, Array]:
-    """Play the episodes inside MuJoCo's steps.
+    """Play the episodes inside MuJoCo's steps; return columns as in `Rollout`.
 
-    The batch is of devices of one axis and one script, whose task `task_of` knows, and
-    `law_of` the controllers, one for each. Columns are as in `Rollout`, NaN where a
-    device has failed.
+    The devices have one axis and one script; `task_of` and `law_of` must know the task
+    and the controllers, one per device. Columns of a failed device are NaN.
     """
     exo, count = batch.exo, len(batch.devices)
     simulations, failed, going = batch.simulations, batch.failed, batch.going
@@ -235,7 +234,7 @@ def _play_inside(
 
 
 def _shared_record(batch: Batch) -> tuple[dict[str, Any], list[int]]:
-    """Return what all records have, and addresses of the torques of a task of phase."""
+    """Return fields of all records, and addresses of torques that follow from phase."""
     exo, script, hold = batch.exo, batch.script, batch.wiring.hold
     device, task = batch.devices[0], exo.task
     common = {
@@ -282,7 +281,7 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
 
 
 def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:
-    """Locate each cable in `plugin_state` and `actuator_force`, see `Word`."""
+    """Return indices of each cable's nodes, energy and forces, ordered as `Word`."""
     rows = []
     ends = np.reshape(device.cable_outputs, (-1, 2))
     for name, pair in zip(names, ends, strict=True):

@@ -6,7 +6,7 @@
     logs = simulate(["wrist", rough], "model", seed=[0, 1])     # one batch
 
 A log has the same bits whether its plant is simulated alone, in a batch or step by step
-in its environment. The controller reads sensors; the log holds the truth.
+in its environment. The controller reads simulated sensors; the log holds true values.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ the second by the name of an axis."""
 
 
 class _Settings(TypedDict, total=False):
-    """Arguments of `simulate` that are alike for one plant and several."""
+    """Arguments of `simulate` that are the same for one plant and for several."""
 
     trajectory: str | Path | Trajectory | None
     task: TaskChoice
@@ -285,7 +285,7 @@ def play(
     about: Mapping[str, Any] | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> EpisodeLog:
-    """Play one episode of an environment as it is, its wrappers included.
+    """Play one episode of an environment, its wrappers included.
 
     Args:
         env: One of this package's environments; its `info` fills the log.
@@ -294,7 +294,7 @@ def play(
         seed: Seed of the reset and of the noise of the sensors.
         about: Metadata for the log, besides that of the device, the wearer, the
             sensors and the versions: names of trajectory, task and controller.
-        progress: Called with the simulated time in seconds after every step.
+        progress: Called with the simulated time [s] after every control step.
 
     Returns:
         The log, from the reset to the last step.
@@ -337,7 +337,7 @@ def describe(
     seed: int,
     about: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return the metadata of the log of an episode.
+    """Return the metadata of an episode log: device, wearer, plant, sensors, versions.
 
     `sensing` are the sensors of the controller, `about` further metadata.
     """

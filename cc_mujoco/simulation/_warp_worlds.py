@@ -1,7 +1,7 @@
 """Many devices at once in mujoco_warp, on a GPU or a processor.
 
-Numbers are of single precision. An episode starts from the state that MuJoCo gives,
-rounded; plants, scripts and sensors are those of `_batch.Simulations`.
+Arithmetic is in single precision. An episode starts from MuJoCo's state, rounded;
+plants, scripts and sensors are those of `_batch.Simulations`.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from cc_mujoco.warp._kernels import write_rows
 
 
 class WarpWorlds:
-    """Simulations of n devices of one layout, advanced together by mujoco_warp.
+    """Simulations of n devices of equal layout, advanced together by mujoco_warp.
 
-    See `_batch.Worlds`. A simulation that is left out of an `advance` has to be started
-    before it goes on.
+    See `_batch.Worlds`. A simulation that an `advance` leaves out must be started anew
+    before it is advanced again.
 
     Attributes:
         model: `mujoco_warp.Model`.
@@ -43,7 +43,7 @@ class WarpWorlds:
     def __init__(self, exo: WornDevice, count: int, device: Device) -> None:
         """Make `count` worlds; call `start` for each before it is advanced.
 
-        A scene with parts that mujoco_warp or its cables lack is refused.
+        Raises `CableError` if mujoco_warp or its cables cannot simulate the scene.
         """
         spec, self._device = Plant(device).spec(), exo.device
         model = self._device.model
@@ -98,7 +98,7 @@ class WarpWorlds:
 
     @property
     def warned(self) -> Mask:
-        """Mask of the simulations that diverged, by MuJoCo's own limit, (n,)."""
+        """Mask (n,) of simulations that diverged, by the limit `mujoco.mjMAXVAL`."""
         return self._warned.copy()
 
     def clear(self, rows: NDArray[np.intp]) -> None:
@@ -107,7 +107,7 @@ class WarpWorlds:
     def vary(self, row: int, plant: Plant) -> None:
         """Give a simulation a plant; see `Worlds`.
 
-        A plant with a term of friction that was not compiled is refused.
+        Raises `CableError` if it has a friction term that was not compiled.
         """
         for name, cable in plant.cables.items():
             for term in cable.terms.keys() - self.cables.terms:
@@ -171,7 +171,7 @@ class WarpWorlds:
         self.cables.reset(mask)
 
     def _notice(self, going: Mask) -> None:
-        """Note diverged worlds; leave them in the pose `qpos0`, as MuJoCo does."""
+        """Mark diverged rows of `going`, and reset them to `qpos0`, as MuJoCo does."""
         largest = [
             np.abs(getattr(self.data, name).numpy()).max(axis=1, initial=0.0)
             for name in ("qpos", "qvel", "qacc")
@@ -185,7 +185,7 @@ class WarpWorlds:
         self._reset(diverged)
 
     def _require_order(self, data: mujoco.MjData) -> None:
-        """Refuse a scene whose moments mujoco_warp orders otherwise than MuJoCo."""
+        """Raise `CableError` if mujoco_warp has another order of actuator moments."""
         for name in ("moment_rownnz", "moment_rowadr", "moment_colind"):
             found = getattr(self.data, name).numpy()[0]
             if not np.array_equal(found, getattr(data, name)):

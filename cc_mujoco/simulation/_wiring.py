@@ -6,8 +6,8 @@
     table = wiring.read(physics, samples)
     columns = wiring.columns(table)                    # by name, (n,)
 
-Environments, batches and episodes inside MuJoCo's steps read an axis by one function,
-`device._axis_record.read_axis`, so that all have the same bits.
+Environments, batches and compiled episodes read an axis by the same function,
+`device._axis_record.read_axis`, so that their results are bit-identical.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
 
 class Wiring:
-    """Connection of n devices of one layout with their simulations and scripts."""
+    """Addresses of controls, readings and scripts of n devices of equal layout."""
 
     def __init__(
         self, exo: WornDevice, devices: Sequence[DeviceModel], count: int
     ) -> None:
-        """Look all places up, of a device for each of n rows or of one for all.
+        """Look up all addresses, of one device for all rows or one for each.
 
-        `seat` every row before it is driven or read.
+        Call `seat` for every row before it is driven or read.
         """
         self._held: list[NDArray[Any]] = []
         first = devices[0]
@@ -99,12 +99,12 @@ class Wiring:
         self._python_tasks = [(exo.tasks[n], starts[n], after + n) for n in others]
 
     def hold(self, array: NDArray[Any]) -> int:
-        """Keep a reference to the array; return its address, valid as long as this."""
+        """Return the address of an array that stays alive as long as this object."""
         self._held.append(array)
         return int(array.ctypes.data)
 
     def axis_address(self, row: int) -> int:
-        """Return the address of the record of the first axis of a device."""
+        """Return the address of the record of the first axis of device `row`."""
         return self._address + axis_record.AXIS_SIZE * self._axes * row
 
     def seat(self, row: int, script: Script) -> None:
@@ -112,7 +112,7 @@ class Wiring:
         self._take_part(row, 0)
 
     def take(self, other: Wiring) -> None:
-        """Follow the scripts of another at the same samples."""
+        """Copy scripts, and the position in them, from another object."""
         self.scripts, self._parts = list(other.scripts), list(other._parts)
         self._rows[:] = other._rows
 
@@ -133,10 +133,11 @@ class Wiring:
         samples: NDArray[np.int64],
         going: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
-        """Return the controls from a sample to the next, (n, physics steps, controls).
+        """Return the controls up to the next sample, (n, physics steps, controls).
 
-        `share` is that of the largest torque of each motor, (n, axes). In rows that go
-        on samples are counted; controls of the others stay what they were.
+        `share` (n, axes) is the torque of each motor over its largest. Rows `going`
+        (n,) increase their entry of `samples`; controls of the others stay as they
+        were.
         """
         given = (
             self._address, self._devices, self._rows, samples, going, share,
@@ -150,7 +151,7 @@ class Wiring:
     def read(
         self, physics: axis_record.Physics, samples: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return the columns of all rows now, (columns, n), in an array of its own."""
+        """Return a new table of the present columns of all rows, (columns, n)."""
         if physics is not self._physics:
             self._physics = physics
             rows = np.arange(len(samples))
@@ -178,7 +179,7 @@ class Wiring:
 
 
 def parameters_of(task: Task) -> NDArray[np.float64]:
-    """Return the parameters of a task that compiled code knows, (3,); else 0."""
+    """Return the parameters (3,) of a task that compiled code knows, else zeros."""
     given = np.zeros(3)
     if type(task) in TASK_CODES:
         own = dataclasses.astuple(task)  # type: ignore[call-overload]
@@ -190,7 +191,7 @@ def parameters_of(task: Task) -> NDArray[np.float64]:
 def desired_torque(
     code: int, parameters: FloatArray, angle: float, in_script: float
 ) -> float:
-    """Return the torque that a task demands at a joint angle [N m]."""
+    """Return a task's torque [N m] at an angle [rad]; `in_script` if it is of phase."""
     if code == TUNNEL:
         return float(_tunnel(angle, parameters[0], parameters[1], parameters[2]))
     if code == SPRING:
@@ -217,9 +218,9 @@ def _drive(
     script_controls: IntArray,
     control: FloatCube,
 ) -> bool:
-    """Write the controls up to the next sample, and count the sample.
+    """Write the controls up to the next sample, and increase `samples`.
 
-    Where a row is beyond its part of the script, do nothing and return False.
+    If a row is beyond the loaded part of its script, do nothing and return False.
     """
     if not _in_parts(scripts, samples):
         return False
@@ -256,7 +257,7 @@ def _read(
     sampling: float,
     table: FloatMatrix,
 ) -> bool:
-    """Write the columns of all rows; see `_drive` for the result."""
+    """Write the columns of all rows into `table`; return False as `_drive` does."""
     if not _in_parts(scripts, samples):
         return False
     count = codes.size

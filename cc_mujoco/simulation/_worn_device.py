@@ -1,4 +1,4 @@
-"""A device with its wearer, trajectory and task, as all episodes play it."""
+"""A device with its wearer, trajectory and task, the setting of an episode."""
 
 from __future__ import annotations
 
@@ -60,18 +60,17 @@ class WornDevice:
         randomise: Mapping[str, Any] | None = None,
         smoothness: float = 0.0,
     ) -> None:
-        """Work out the spaces.
+        """Derive drives, plants and spaces from the settings.
 
         Args:
             description: The device.
             model: Its scene, or a variant.
             trajectory: Trajectory that the wearer follows, see `human.trajectory`; that
                 of the device by default.
-            task: Virtual environment, see `human.task`, for all axes or by axis; that
-                of the device by default. By name, help that
-                follows the gait has the pace of a `Walk`, not the size of who walks,
-                which a walk does not know; see `human.scale_task`. An
-                environment itself stays what it is.
+            task: Task, see `human.task`, for all axes or by axis; that of the device by
+                default. A task that follows the gait, given by name, is scaled to the
+                pace of a `Walk`, not to the walker's body, which the walk does not
+                know; see `human.scale_task`. A `Task` object is not scaled.
             duration: Length of an episode [s], rounded to whole control steps.
             frame_skip: Physics steps from one sample of the sensors to the next; those
                 of the period of the device by default.
@@ -79,8 +78,8 @@ class WornDevice:
                 model by default.
             hold: Samples in a control step.
             history: Earlier frames in an observation; see `Observed`.
-            memory: Whether plays are observed; see `Observed`.
-            randomise: From what plants are drawn; see `Ranges`.
+            memory: True to observe the friction memory too; see `Observed.memory`.
+            randomise: Ranges from which plants are drawn; see `Ranges`.
             smoothness: Reward lost by a change of the action by 1.
 
         Raises:
@@ -134,7 +133,7 @@ class WornDevice:
         self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
 
     def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
-        """Return what controllers may know of each axis of this device or a variant."""
+        """Return the drive of each axis of a device: a controller's knowledge of it."""
         drives, axes = device.drives(self.period), self.description.axes
         found = []
         for drive, task, axis in zip(drives, self.tasks, axes, strict=True):
@@ -146,18 +145,18 @@ class WornDevice:
 
     @property
     def drive(self) -> Drive:
-        """Knowledge that a controller may have of the only axis, else refused."""
+        """Drive of the only axis; raises `CableError` if there are several."""
         self.description.axis()
         return self.drives[0]
 
     @property
     def task(self) -> Task:
-        """Task of the only axis; several are refused."""
+        """Task of the only axis; raises `CableError` if there are several."""
         self.description.axis()
         return self.tasks[0]
 
     def require_timestep(self) -> None:
-        """Refuse a time step that was changed after `sampling` followed from it."""
+        """Raise `CableError` if the model's time step differs from that at creation."""
         step = float(self.device.model.opt.timestep)
         if self.frame_skip * step != self.sampling:
             raise CableError(
@@ -186,11 +185,11 @@ class WornDevice:
         biases: Sequence[ArrayLike] = (),
         **errors: Any,
     ) -> AxesMeasuring:
-        """Return the sensors by which controllers see, of one device or of several.
+        """Return the sensors that controllers read, of one device or of several.
 
         Args:
-            sensing: Their quality.
-            drives: Drives of every axis; say where tension sensors are.
+            sensing: Quality of the sensors.
+            drives: Drive of every axis, which tells the positions of tension sensors.
             seeds: One, or one for each of several devices.
             biases: Biases of every axis, as of `Measuring`; none by default.
             errors: `delay` and `noise` as of `Measuring`.
@@ -204,12 +203,12 @@ class WornDevice:
         return AxesMeasuring(self.device.prefixes, axes)
 
     def axis_columns(self, columns: Mapping[str, Any], axis: int) -> Mapping[str, Any]:
-        """Return the columns of an axis under plain names."""
+        """Return the columns of one axis, under names without prefix."""
         prefixes = self.device.prefixes
         return axis_columns(columns, prefixes[axis], prefixes)
 
     def beyond(self, script: Script) -> str:
-        """Return a sentence if a task along a script exceeds its motor, else ""."""
+        """Return a sentence if a task exceeds motor or safe torque in a script."""
         for n, (axis, task, drive) in enumerate(
             zip(self.description.axes, self.tasks, self.drives, strict=True)
         ):
@@ -244,7 +243,7 @@ class DrivenEnvironment:
 
     @property
     def drive(self) -> Drive:
-        """Knowledge that a controller may have of the only axis; see `drives`."""
+        """Drive of the only axis; several have `drives`."""
         return self.exo.drive
 
     @property
@@ -252,17 +251,17 @@ class DrivenEnvironment:
         return self.exo.drives
 
     def action(self, torque: Any) -> NDArray[np.float32]:
-        """Return the actions of torques [N m]; see `WornDevice.action`."""
+        """Return the action for motor torques [N m]; see `WornDevice.action`."""
         return self.exo.action(torque)
 
 
 def _with_safe_torques(
     description: Description, tasks: Sequence[Task], drives: Sequence[Drive]
 ) -> Description:
-    """Return the description with assumed safe torques that leave room for the tasks.
+    """Return the description with assumed safe torques raised above the tasks' demands.
 
-    One that a description gives stays what it is. No demand counts for more than the
-    motor gives without friction: a limit that is never reached guards nobody.
+    Safe torques given by the description are kept. A demand counts at most as the
+    motor's range without friction, since a limit that is never reached protects nobody.
     """
     axes = []
     for axis, task, drive in zip(description.axes, tasks, drives, strict=True):
@@ -277,7 +276,7 @@ def _with_safe_torques(
 
 
 def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
-    """Return the seeds of the sensors of an axis; those of the first are as given."""
+    """Return the seeds of an axis's sensors, for axis 0 the given ones."""
     if not axis:
         return seeds
     if isinstance(seeds, int):
@@ -306,7 +305,7 @@ def axis_trajectories(
 def _axis_tasks(
     description: Description, given: TaskChoice, sources: Sequence[Trajectory]
 ) -> tuple[Task, ...]:
-    """Return the task of every axis, one by name at the pace of the walk it goes with.
+    """Return the task of every axis; one given by name has the pace of its walk.
 
     `sources` are the trajectories of the axes.
     """
@@ -333,18 +332,17 @@ class Ranges:
         ranges.draw(rng, {"delay": 2})
         Ranges({"bristle_length": (1e-3, 1e-2, 0.3)}, device)   # in 30 % of them
 
-    Controllers are not informed: `drive` stays that of the scene. Every cable has draws
-    of its own. What is above 0 is drawn with a uniform logarithm, whole numbers and
-    what may be 0 uniformly. What has a probability is drawn with it for all cables, or
-    is the scene's in all.
+    Controllers are not informed: their `drive` stays that of the scene. Every cable has
+    draws of its own. Ranges above 0 are drawn log-uniformly, whole numbers and ranges
+    that include 0 uniformly. With a probability, either all cables are drawn or all
+    keep the value of the scene.
     """
 
     def __init__(self, given: Mapping[str, Any] | None, device: Nominal) -> None:
         """Check the ranges.
 
-        `given` are (least, most), or (least, most, probability) of being drawn at all,
-        by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
-        (`flexor.friction`).
+        `given` has (least, most), or (least, most, probability of being drawn), by name
+        of `device.IN_EPISODES`, for all cables (`friction`) or one (`flexor.friction`).
         """
         self.nominal = Plant(device)  # the scene as it is
         self._ranges: dict[str, tuple[float, float, float]] = {}
@@ -407,7 +405,7 @@ class Ranges:
         return Plant(self.nominal.device, values) if values else self.nominal
 
     def _each(self, name: str) -> tuple[str, ...]:
-        """Return the names of a variation; one of all cables gives a name per cable."""
+        """Return the names of a variable; one of all cables has a name per cable."""
         if "." in name or name not in OF_CABLES:
             return (name,)
         return tuple(f"{cable}.{name}" for cable in self.nominal.cables)

@@ -150,7 +150,7 @@ def _result_of(answer: Any, worker: str = "") -> Any:
 
 
 def _watchdog(client: Any, scheduler: str, patience: float) -> Callable[[], None]:
-    """Return what rests a little, and gives up after too long without any worker."""
+    """Return a 50 ms sleep that raises after `patience` [s] without any worker."""
     seen = next_poll = time.monotonic()
 
     def look() -> None:

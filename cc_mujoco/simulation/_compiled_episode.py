@@ -147,7 +147,7 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
 
 @internal
 def _play(data: MjData, record: EpisodeRecord) -> None:
-    """Control and record as due after `record.count` physics steps."""
+    """Control and record as due at the `count` of physics steps of `record`."""
     count, skip = record.count, record.skip
     if count % skip == 0:
         step = count // skip

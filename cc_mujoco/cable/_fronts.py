@@ -68,7 +68,7 @@ def hold_against(chain: CoulombChain, s: int, way: int) -> float:
     A segment that goes on slipping the same way has already broken away.
     """
     going_on = chain.slips[s] * float(way) > 0.0
-    return chain.growth[s] if going_on else chain.hold[s]
+    return float(chain.growth[s] if going_on else chain.hold[s])
 
 
 class _Front(NamedTuple):

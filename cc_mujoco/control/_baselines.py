@@ -29,7 +29,7 @@ class _KnownMotor(SteppedController):
     """Gains that the tables depend on."""
 
     def __init__(self, drive: Drive) -> None:
-        """Prepare; refuse a drive whose cables or rotor are not known."""
+        """Prepare; raise a `CableError` if cables or rotor are not known."""
         super().__init__(drive)
         require_known_motor(drive)
 
@@ -37,14 +37,14 @@ class _KnownMotor(SteppedController):
 class BacklashInverse(_KnownMotor):
     r"""The motor's angle from the inverse of the backlash, with integral feedback.
 
-    Cables that slip as a whole make the desired torque at one angle of the motor for
-    either sense of motion (`full_slip_balance`). The sense is that of the wanted angle
-    without friction, \(\rho (\theta_j + \tau_d / k)\), and turns when it reverses by
-    more than noise; then the wanted angle jumps across the backlash, and the motor
-    follows by a position loop with the balance of the cables fed forward. An integral
-    of the torque error shifts the angle. As the inverse of a cable transmission after
-    T. Do et al., "Hysteresis modeling and position control of tendon-sheath mechanism",
-    Mechatronics 24, 2014, for a torque.
+    If all cables slip as a whole, they make the desired torque at one angle of the
+    motor for each direction of motion (`full_slip_balance`). The direction is that of
+    the angle that would do so without friction, \(\rho (\theta_j + \tau_d / k)\); noise
+    does not reverse it. At a reversal the wanted angle jumps across the backlash. The
+    motor follows it by a position loop, with the torque of the cables fed forward, and
+    an integral of the torque error shifts the angle. This is the inverse of a cable
+    transmission of T. Do et al., "Hysteresis modeling and position control of
+    tendon-sheath mechanism", Mechatronics 24, 2014, applied to a torque.
     """
 
     stepped = SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)
@@ -84,11 +84,11 @@ class LinearQuadraticGaussian(_KnownMotor):
 
     \[ J \ddot z = \tau_m + d_m - k z, \qquad \tau_j = \rho k z + d_j \]
 
-    A Kalman filter finds z, its rate and the two disturbances, random walks, from
-    angles and torque, as late as they are; a prediction over the delay and a linear
+    A Kalman filter estimates z, its rate and the two disturbances, modelled as random
+    walks, from delayed angles and torque. A prediction over the delay and a linear
     quadratic regulator bring z to where the model makes the desired torque less
-    \(d_j\). Where an encoder slips, as an innovation shows that changes in one step by
-    more than any motion makes it, its zero is moved. Disturbance observers after K.
+    \(d_j\). If an innovation changes in one step by more than any motion can, an
+    encoder has slipped, and its zero is shifted. Disturbance observers after K.
     Ohnishi, M. Shibata, T. Murakami, "Motion control for advanced mechatronics",
     IEEE/ASME Trans. Mechatronics 1, 1996.
     """
@@ -121,7 +121,7 @@ class LinearQuadraticGaussian(_KnownMotor):
 
 
 def _design(law: LinearQuadraticGaussian, rigidity: float) -> tuple[Design, float]:
-    """Return observer and regulator, and `GaussianGains.slip`, of a stiffness."""
+    """Return model and gains for a joint stiffness [N m/rad], and the gain `slip`."""
     from scipy.linalg import expm, solve_discrete_are
 
     drive = law.drive

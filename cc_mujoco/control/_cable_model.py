@@ -4,12 +4,12 @@ r"""Cables as a controller assumes them: the kernel itself, run as an observer.
     model.follow(observation["motor_angle_rad"], observation["joint_torque_nm"])
     model.tension(0), model.slip(0)          # of the first cable, proximal to distal
 
-Motor angle and joint torque are measured; they drive the model completely (position at
-one end, tension at the other, thesis Fig. 2.2). The model estimates unmeasured
+Motor angle and joint torque are measured; they determine the model completely (position
+at one end, tension at the other, thesis Fig. 2.2). The model estimates unmeasured
 quantities: the parts of the cables that move, the tensions along them, the required
-torque of the motor. It knows parameters, never the true state of the device. Where both
-are noisy this pair is the better one: an end of a cable is stiff, so that the last bits
-of a joint encoder would be newtons.
+torque of the motor. It has the parameters of the device, not its true state. Motor and
+joint angles would be the worse pair: the end of a cable is so stiff that the last bit
+of a joint encoder stands for newtons.
 
 One model holds the cables of many environments; each row is computed by itself.
 
@@ -72,7 +72,7 @@ class CableModel:
 
     @exclusive
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Take the next observation for the start of an episode: rest, pretension.
+        """Begin an episode at the next observation: cables at rest, at pretension.
 
         `where` masks the environments that restart; all of them by default.
         """
@@ -138,7 +138,7 @@ def stepper_cables(cables: Sequence[CableDrive]) -> stepper.Cables:
 
 
 def require_known_cables(drive: Drive) -> None:
-    """Refuse a drive whose cables are not known."""
+    """Raise a `CableError` if the cables of a drive are not known."""
     if not drive.cables:
         raise CableError(
             "a controller with a model needs to know the cables; this Drive has none."
@@ -177,8 +177,8 @@ def pack(
 def joint_stiffness(cables: Sequence[CableDrive]) -> float:
     """Return the stiffness of all cables of a device at its joint [N m/rad].
 
-    That of taut cables between hard ends: much clearance in bends or soft springs at
-    the ends make one softer, which warns.
+    It is that of taut cables between rigid ends. A `CableWarning` is given if clearance
+    in bends or soft springs at the ends make a cable much softer.
     """
     for cable in (one.cable for one in cables):
         taut, seated = cable.length / cable.axial_stiffness, cable.seating_tension
@@ -214,7 +214,7 @@ def joint_spring(cables: Sequence[CableDrive]) -> FloatArray:
 def add_preload(
     values: FloatArray, sections: FloatMatrix, distal: float, spring: FloatArray
 ) -> None:
-    """Add the pretension of a cable to a spring, and its friction if larger.
+    """Add a cable's pretension to a spring, and raise the spring's friction to its own.
 
     `values` are the scalars of the cable, `distal` its arm at the joint [m/rad]; for
     `spring` see `guard.STIFFNESS`.
@@ -237,10 +237,10 @@ def stiffness(prm: FloatMatrix, distal: FloatArray) -> float:
 
 @compiled
 def follow(model: Model, motor: float, torque: float, joint: float, dt: float) -> float:
-    """Step the cables of one environment; return the joint angle [rad].
+    """Step the cables of one environment by `dt` [s]; return the joint angle [rad].
 
-    The motor has an angle [rad], the cables a torque on the joint [N m], and the joint
-    had an angle before [rad]. The model is updated.
+    `motor` is the measured motor angle [rad], `torque` that of the cables on the joint
+    [N m], `joint` the joint angle before [rad]. `model` is updated.
     """
     cables, state, new, n = model.cables, model.state, model.new, model.cables.n
     load = stepper.Load(torque, 0.0, -np.inf, np.inf)
@@ -275,7 +275,7 @@ def motor_torque(model: Model) -> float:
 
 
 def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
-    """Return the table of cables (cables, 5)."""
+    """Return the numbers of `PROXIMAL` to `PRETENSION` for each cable (cables, 5)."""
     table = np.empty((len(cables), 5))
     for row, one in zip(table, cables, strict=True):
         cable, compliance = one.cable, one.cable.length / one.cable.axial_stiffness
@@ -301,12 +301,12 @@ def _share(friction: float, slip: float) -> float:
 def full_slip_balance(
     cables: FloatMatrix, sense: float, desired: float
 ) -> tuple[float, float]:
-    """Return motor torque and stretch of cables that slip as a whole.
+    """Return motor torque [N m] and stretch [rad] of cables that slip as a whole.
 
-    The stretch is the angle of the motor over the ratio, ahead of the joint [rad].
-    `sense` is the direction in which the motor turns, 1 or -1 or, softly, between:
-    positive towards a positive torque of the joint. `desired` is the torque at the
-    joint [N m].
+    The stretch is the motor angle over the ratio, less the joint angle. `cables` is a
+    `cable_table`. `sense` is 1 where the motor turns towards a positive torque of the
+    joint, -1 the other way, and between for a smooth transition. `desired` is the
+    torque at the joint [N m].
     """
     count, turned = cables.shape[0], 0.0
     for again in range(2):  # without cables that would be slack

@@ -13,9 +13,9 @@ def solve_active(
 ) -> None:
     """Solve normal equations by Cholesky for the active unknowns; others become 0.
 
-    Of the symmetric matrix the lower triangle is read, which `factor` may overwrite.
-    Unknowns are `active` where that is not 0 (n,); `found` is the right side, then the
-    solution (n,).
+    The lower triangle of the symmetric matrix `normal` is read; `factor` may be the
+    same memory. Unknowns with a nonzero number in `active` (n,) are active. `found`
+    (n,) is the right side before and the solution after.
     """
     n = found.size
     for i in range(n):

@@ -51,18 +51,18 @@ class _Slip(NamedTuple):
 
 @internal
 def _slip(model: Model, k: int, sense: float, joint_velocity: float) -> _Slip:
-    """Return a cable that follows a velocity of the joint [rad/s]."""
+    """Return cable k, slipping in a sense at the velocity of the joint [rad/s]."""
     prm, n, _, _, distal = model.cables
     return _Slip(prm[k], n[k], model.state[k], sense, distal[k] * joint_velocity)
 
 
 @internal
 def _friction(slip: _Slip, j: int, ends: float) -> tuple[float, float, float]:
-    """Return growth, drag [N] and holding growth of segment j, that ends at a place.
+    """Return growth of tension, drag [N] and growth while it sticks, of segment j.
 
-    Every law of friction acts as in a step of the kernel, except bristles: they are
-    bent by then. Drag of viscosity helps where the cable still moves the other way. The
-    place of the distal end of the segment is in [m].
+    The distal end of the segment is `ends` from the proximal end [m]. Every law of
+    friction acts as in a step of the kernel, except for bristles, which count as fully
+    bent. Viscous drag helps if the cable still moves the other way.
     """
     prm, n, state, sense, speed = slip
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
@@ -98,7 +98,10 @@ def has_drag(prm: FloatArray) -> bool:
 
 @internal
 def _stretches(slip: _Slip) -> tuple[float, float, float]:
-    """Return stretches [m]: in pretension; per distal tension; at none of that."""
+    """Return stretches at pretension [m], per distal tension [m/N], and at none [m].
+
+    The second and third are those of the slipping cable; the third is that of its drag.
+    """
     prm, n, _, sense, _ = slip
     stiffness = at.node_stiffness(prm, n)
     length = at.contact_length(prm, n)
@@ -123,10 +126,11 @@ def _stretches(slip: _Slip) -> tuple[float, float, float]:
 def _shared_tensions(
     model: Model, direction: FloatArray, joint_velocity: float, desired: float
 ) -> None:
-    """Compute distal tensions of all cables that make the joint torque [N].
+    """Compute the distal tensions of all cables [N] that make a joint torque.
 
-    The joint velocity is that at which the cables have to follow [rad/s]. The tensions
-    are written to the first row of the scratch; the third is not touched.
+    They are written to row 0 of the model's scratch; row 2 is not changed. `direction`
+    is the sense of slip of each cable, `joint_velocity` the velocity that the cables
+    follow [rad/s], and `desired` the torque [N m].
     """
     n, distal, scratch = model.cables.n, model.cables.distal, model.scratch
     share, taut = scratch[0], scratch[1]
@@ -161,15 +165,14 @@ def _shared_tensions(
 
 @internal
 def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
-    """Return the motor torque with dynamic friction (4.2) [N m].
+    """Return the motor torque with dynamic friction (thesis, equation 4.2) [N m].
 
-    It is the distal tensions times gains. Drag that needs no tension is added instead:
-    as part of the gain it would grow with the desired torque. Where a motion turns, it
-    stays against the past motion until all of the cable has turned; so there a cable
-    that pulls more than desired is not pulled harder than in the model, nor one that
-    pulls less released further.
-
-    `joint_velocity` is that at which the cables have to follow [rad/s].
+    It is the sum of the distal tensions times gains. Drag that needs no tension is
+    added instead, since as part of a gain it would grow with the desired torque. After
+    a reversal it acts against the past motion until the whole cable has turned. Until
+    then a cable that pulls more than desired is not pulled harder than in the model,
+    and one that pulls less is not released further. `joint_velocity` is that which the
+    cables follow [rad/s].
     """
     share, torque = model.scratch[0], 0.0
     _shared_tensions(model, model.direction, joint_velocity, desired)
@@ -192,13 +195,13 @@ def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
 def full_slip_torque(
     model: Model, sense: float, joint_velocity: float, desired: float
 ) -> float:
-    """Return the motor torque at which all cables slip completely its way [N m].
+    """Return the motor torque at which all cables slip fully in one direction [N m].
 
-    Listing 4.1: where part of a cable stands still, the proximal tension is the one at
-    which (2.7) fails at every sticking node, and at which the desired tension arrives.
-    Where all of it moves that way already this is the compensation of dynamic friction.
-    `sense` is that in which the motor shall turn, 1, -1 or 0 for the present one;
-    other arguments as in `dynamic`.
+    Thesis, listing 4.1: if part of a cable sticks, its proximal tension is that at
+    which equation 2.7 fails at every sticking node and the desired tension arrives at
+    the joint. If all of it moves that way already, this is `dynamic`. `sense` is the
+    direction in which the motor shall turn, 1, -1 or 0 for the present one; other
+    arguments as there.
     """
     share, senses, torque = model.scratch[0], model.scratch[2], 0.0
     for k in range(senses.size):
@@ -217,8 +220,8 @@ def full_slip_torque(
 def _proximal_tension(slip: _Slip, wanted: float, breaking: bool) -> float:
     """Return the proximal tension at which all segments slip one way [N].
 
-    `wanted` is the distal tension [N]; if `breaking`, segments that do not slip so yet
-    have to be broken away.
+    `wanted` is the distal tension [N]. If `breaking`, segments that do not slip that
+    way yet must first exceed static friction.
     """
     prm, n, state, sense, _ = slip
     node, slips = at.tensions(state, n), at.slips(state, n)

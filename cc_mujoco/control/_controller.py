@@ -6,12 +6,12 @@
     torque = controller.torque(info)                       # N m at the motor pulley
     env.step(env.unwrapped.action(torque))
 
-Controllers work on numbers and, for many environments at once, on arrays; both give
-the same bits.
+Controllers work on numbers and, for many environments at once, on arrays; both give the
+same bits.
 
 The step of most is one compiled function, a `SteppedLaw`, which Python, compiled
-episodes and exported C run; see `_law_steps` for memory, parameters and shape. What
-rests on rotor, cables and delay stands in tables; no parameter changes it.
+episodes and exported C run; see `_law_steps` for memory, parameters and shape. Numbers
+computed from rotor, cables and delay are in tables, which no parameter changes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
 WOUND = dict(zip(LAW_INPUTS[2:4], WINDING_COLUMNS[:2], strict=True))
-"""Motion of the joint as it winds the cables."""
+"""Columns of the motion of a round pulley on which the cables wind, by law input."""
 
 STEPS = (
     law_steps.step_forward, law_steps.step_proportional_integral, law_steps.step_tuned,
@@ -47,20 +47,20 @@ STEPS = (
     law_steps.step_stiction, law_steps.step_disturbance, planner_steps.step_plan,
     planner_steps.step_sensed,
 )  # fmt: skip
-"""Every step, at the place by which `step` finds it."""
+"""Every compiled step; its index is the `place` of `step`."""
 
 
 class Controller(ABC):
     """Law for the motor torque; subclasses are small and may keep a state.
 
-    One thread at a time may call one; another meanwhile is a `CableError`.
+    One thread at a time may use a controller; a second one gets a `CableError`.
     """
 
     name = ""
     """Name in error messages; that of its class where it is empty."""
 
     def __init_subclass__(cls, **given: Any) -> None:
-        """Refuse calls by several threads at once, see `exclusive`."""
+        """Make calls by several threads at once an error, see `exclusive`."""
         super().__init_subclass__(**given)
         for name in ("reset", "torque", "given"):
             if name in cls.__dict__:
@@ -91,8 +91,8 @@ class Controller(ABC):
     def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
         """Accept the torque that the motor got instead of the last one [N m].
 
-        With several axes it is that of every motor, (axes,). A torque that no motor can
-        have got, as it is no number or beyond `guard.MAX_READING`, is ignored.
+        With several axes it is that of every motor, (axes,). A torque that is no number
+        or beyond `guard.MAX_READING` is ignored.
 
         A host calls this if its limits (of rate, a soft start) are not those of the
         drive. Otherwise a model would continue from the wrong torque.
@@ -105,12 +105,12 @@ class Controller(ABC):
 
 
 def total_delay(drive: Drive) -> float:
-    """Return the time from a torque at the joint to the answer of the motor [s]."""
+    """Return the time from a torque at the joint to the motor's reaction to it [s]."""
     return (drive.delay + 1.5) * drive.period + drive.motor_lag
 
 
 def motor_limits(drive: Drive) -> guard.DriveLimits:
-    """Return what laws and guard know of motor and joint."""
+    """Return the numbers of motor and joint that laws and their guard use."""
     return guard.DriveLimits(
         drive.ratio,
         drive.low,
@@ -129,8 +129,8 @@ def motor_limits(drive: Drive) -> guard.DriveLimits:
 def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
     """Return the torques of all motors clipped to their limits [N m].
 
-    The torque is of the only motor, or of each (..., axes). One of another shape is
-    returned as it is: the caller of the controller refuses it.
+    `torque` is that of the only motor, or of each (..., axes). Any other shape is
+    returned unchanged, for the caller to refuse.
     """
     if len(drives) == 1:
         return np.clip(torque, drives[0].low, drives[0].high)
@@ -141,10 +141,10 @@ def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
 
 
 def needs_winding(observation: Mapping[str, Any], drive: Drive) -> bool:
-    """Return whether `device.WINDING_COLUMNS` describe the joint: no round pulley.
+    """Return whether to read `device.WINDING_COLUMNS`: the joint has no round pulley.
 
     Raises:
-        CableError: The joint is none, and they are missing.
+        CableError: It has none, and these columns are missing.
     """
     if WINDING_COLUMNS[0] in observation:
         return True
@@ -183,7 +183,7 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
 
 
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
-    """Return the measurements of these names (rows, names); a number is its own row."""
+    """Return the named measurements (rows, names); a scalar gives one row."""
     columns = [np.atleast_1d(np.asarray(observation[name], float)) for name in names]
     seen = np.empty((max(column.size for column in columns), len(names)))
     for place, column in enumerate(columns):
@@ -193,7 +193,7 @@ def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray
 
 @internal
 def step(place: int, data: LawData) -> float:
-    """Return the motor torque of the next step of a law [N m]."""
+    """Return the motor torque of a law's next step [N m]; `place` is its in `STEPS`."""
     if place == 0:
         return law_steps.step_forward(data)
     if place == 1:
@@ -225,9 +225,9 @@ def _step_all(
     guarded: IntArray,
     found: FloatArray,
 ) -> None:
-    """Write the motor torques of every environment (rows,) [N m].
+    """Write the motor torque of every environment to `found` (rows,) [N m].
 
-    A reading outside any sensor's range, at which no guard looks, gives none.
+    It is 0 if an unguarded reading is outside the range of any sensor.
     """
     for row in range(found.size):
         found[row] = 0.0
@@ -274,14 +274,14 @@ class SteppedLaw:
 
     @property
     def wound(self) -> tuple[str, ...]:
-        """Those readings where the arm of the cables changes."""
+        """Columns to read for `seen` if the arm of the cables depends on the pose."""
         if self.is_policy:
             return self.seen
         return tuple(WOUND.get(name, name) for name in self.seen)
 
 
 def stepped_law(kind: type[Controller]) -> SteppedLaw | None:
-    """Return the compiled functions of a class; its subclasses may do otherwise."""
+    """Return the compiled functions of a class itself; subclasses may differ."""
     return vars(kind).get("stepped")
 
 
@@ -342,7 +342,7 @@ class SteppedController(Controller):
         return np.asarray(self._memory[:, place])
 
     def memory(self, rows: int) -> FloatArray:
-        """Return the numbers of every environment (rows, numbers)."""
+        """Return the memory of every environment (rows, numbers), made if need be."""
         if len(self._memory) != rows:
             self._tables, law = self.law_tables(), self.stepped
             self._numbers = np.array(self._tables.numbers)

@@ -4,17 +4,17 @@ r"""Decoupling of axes whose cables pass joints in common.
 
 A cable that passes two joints turns both. The torques of the joints are \(\tau =
 R\,u\), with the torques of the motors \(u\) (without friction, [N m]) and the matrix
-\(R\) of torque ratios in the present pose. Controllers of one axis each then receive a
-torque that is not theirs. Here each of them gets the torque of its own cable,
-\(R_{ii}\,u_i\), measured with \(u = R^{-1}\tau\) and desired with
+\(R\) of torque ratios in the present pose. So the torque at a joint is not only that of
+the axis whose controller reads it. Here each controller gets the torque of its own
+cable, \(R_{ii}\,u_i\), measured with \(u = R^{-1}\tau\) and desired with
 
 \[ \min_u \sum_j \bigl((R u - \tau^*)_j / s_j\bigr)^2, \qquad u_i \ge l_i \]
 
 where \(s_j\) is the torque error of the joint that counts as 1. A cable only pulls, so
-its \(l_i\) is 0 or, where cables can pull against each other without any torque at a
-joint (n + 1 or 2 n cables at n joints), its pretension. A loop with an integral has no
-error at rest whatever the error of R is: both torques pass through the same matrix. R
-has no friction: a cable that rubs between two joints pulls them unequally.
+its \(l_i\) is 0 or, if cables can pull against each other without any torque at a joint
+(n + 1 or 2 n cables at n joints), its pretension. A loop with an integral has no error
+at rest whatever the error of R is: both torques pass through the same matrix. R has no
+friction: a cable that rubs between two joints pulls them unequally.
 """
 
 from __future__ import annotations
@@ -68,17 +68,17 @@ class Coupled(NamedTuple):
 
 @internal
 def _solve(work: Coupled, found: FloatArray) -> None:
-    """Solve the equations of `_least_squares` for the active unknowns."""
+    """Solve the normal equations of `work` for the active unknowns, into `found`."""
     found[:] = work.wanted
     solve_active(work.normal, work.used, work.factor, found)
 
 
 @internal
 def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -> None:
-    """Compute the normal equations of least squares with a weight on the unknowns.
+    """Set `normal` and `wanted` of `work` to normal equations of least squares.
 
-    The matrix is the first `rows` of `columns`, which are scaled first; the equations
-    are `normal` and `wanted`, and all unknowns are active.
+    The matrix is the first `rows` of its `columns`, which are scaled to unit norm
+    first, and `weight` is that of the squared unknowns. All unknowns become active.
     """
     columns, normal, unit, count = work.columns, work.normal, work.unit, work.unit.size
     for i in range(count):
@@ -103,10 +103,10 @@ def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -
 
 @internal
 def _motor_torques(work: Coupled, measured: FloatArray, found: FloatArray) -> None:
-    """Compute the motor torques from the joint torques, small if undetermined.
+    """Compute the motor torques `found` behind joint torques `measured` (axes,) [N m].
 
-    At a joint of two motors each measures the torque of its own cables. Torques are
-    (axes,) [N m]; `found` is out.
+    Torques that these do not determine are small. At a joint of two motors, each axis
+    measures only the torque of its own cables.
     """
     own, count = work.tables.own, work.tables.own.size
     for i in range(count):
@@ -122,12 +122,11 @@ def _motor_torques(work: Coupled, measured: FloatArray, found: FloatArray) -> No
 
 @compiled
 def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
-    """Compute the motor torques that come closest to torques of the joints.
+    """Compute the motor torques `found` (axes,) closest to torques (joints,) [N m].
 
     Murty's principal pivoting solves the optimality conditions of the least-squares
     problem exactly (K. G. Murty, "Note on a Bard-type scheme for solving the
-    complementarity problem", Opsearch 11, 1974). The torques of the motors are (axes,)
-    [N m], out.
+    complementarity problem", Opsearch 11, 1974).
     """
     ratios, scales, least = work.ratios, work.tables.scales, work.tables.least
     joints, count = ratios.shape[0], ratios.shape[1]
@@ -173,10 +172,10 @@ def own_torques(
     given: FloatArray,
     wanted: FloatArray,
 ) -> None:
-    """Compute measured and desired torque of each cable at its own joint.
+    """Compute the measured and the desired torque of each cable at its own joint.
 
-    Torques are (axes,) [N m]; at a joint of several motors the desired torques of its
-    axes add up. `given` (measured) and `wanted` (desired) are out.
+    They are written to `given` and `wanted`. All torques are (axes,) [N m]; at a joint
+    of several motors the desired torques of its axes add up.
     """
     tables, ratios = work.tables, work.ratios
     joints, count = ratios.shape[0], ratios.shape[1]
@@ -206,10 +205,10 @@ def own_torques(
 
 
 def antagonists(ratios: Array, bounded: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which cables can pull without any torque at a joint (axes,).
+    """Return which cables can pull without any torque at a joint, as a mask (axes,).
 
-    They are the support of the torques u > 0 with R u = 0 (of pull-pull axes any u).
-    Axes are `bounded` if their cables only pull.
+    They are the nonzero torques of solutions u >= 0 of R u = 0; u of an axis that is
+    not `bounded`, as its cables pull both ways, may have any sign.
     """
     from scipy.optimize import linprog
 
@@ -232,7 +231,7 @@ class Coupling:
     """Torque ratios of a device, and the bounds and noise of each axis."""
 
     def __init__(self, drives: Sequence[Drive], prefixes: Sequence[str]) -> None:
-        """Prepare; refuse axes whose torques the joints cannot distinguish."""
+        """Prepare; refuse axes whose shares the joint torques cannot distinguish."""
         self._drives, self._prefixes = tuple(drives), tuple(prefixes)
         names = [one.joint or p for one, p in zip(drives, prefixes, strict=True)]
         self.joints = list(dict.fromkeys(names))
@@ -307,7 +306,7 @@ class Coupling:
 
 
 def coupled(tables: CouplingTables, ratios: Array) -> Coupled:
-    """Return a device in the pose of these ratios, with its own scratch."""
+    """Return a device at these torque ratios (joints, axes), with its own scratch."""
     axes = tables.own.size
     matrices = np.empty((WORK_MATRICES, axes, axes))
     return Coupled(tables, ratios, *matrices, *np.empty((WORK_VECTORS, axes)))

@@ -39,17 +39,17 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
-"""Share of what a delay allows that damping and proportional gain take."""
+"""Share of the largest damping and gain stable at a given delay that are used."""
 
 
 class FeedForward(SteppedController):
-    r"""No compensation: the desired torque is given as if without friction.
+    r"""No compensation: the desired torque is commanded as if there were no friction.
 
     \[ \tau_m = \tau_d / \rho \]
 
     with the desired joint torque \(\tau_d\) [N m] and the ratio \(\rho\) of the drive
     ("feed-forward only" of the thesis, section 4.3.1). It has no state. A desired
-    torque that is no number, or beyond `guard.MAX_READING`, gives none.
+    torque that is no number, or beyond `guard.MAX_READING`, gives no torque.
     """
 
     stepped = SteppedLaw(
@@ -121,7 +121,7 @@ class ProportionalIntegral(SteppedController):
 
     @property
     def gains(self) -> FeedbackGains:
-        """Present numbers of the law."""
+        """Present gains of the law, with limits and spring."""
         return FeedbackGains(
             **self.limits._asdict(),
             feed_forward=float(self.feed_forward),
@@ -152,7 +152,7 @@ class ProportionalIntegral(SteppedController):
         return seen
 
     def memory(self, rows: int) -> FloatArray:
-        """Return the numbers of every environment, with the present gains."""
+        """Return the memory of every environment, with the present gains."""
         found = super().memory(rows)
         found[:, law_steps.GAINS : law_steps.CABLES] = list(vars(self.gains).values())
         return found
@@ -161,9 +161,9 @@ class ProportionalIntegral(SteppedController):
 def stable_settling_time(
     drive: Drive, spring: FloatArray, settling: float = guard.RELEASE_TIME
 ) -> float:
-    """Return a stable time in which a damped motor settles, near the wanted one [s].
+    """Return a stable time in which a damped motor settles [s], near `settling`.
 
-    `spring` is of all cables at the joint.
+    `spring` has the numbers of all cables at the joint, see `guard.STIFFNESS`.
     """
     stiffness = float(spring[guard.STIFFNESS])
     if not (drive.inertia > 0.0 and stiffness > 0.0):
@@ -198,11 +198,7 @@ class LoopGains(NamedTuple):
 
 
 def require_known_motor(drive: Drive) -> None:
-    """Refuse a drive whose cables or rotor are not known.
-
-    Raises:
-        CableError: They are not.
-    """
+    """Raise a `CableError` if cables or rotor of a drive are not known."""
     require_kind("drive", drive, Drive)
     if not (drive.inertia > 0.0 and drive.cables):
         raise CableError(
@@ -217,9 +213,9 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     With the rotor's inertia J, the stiffness k of the cables at the motor and the delay
     T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
     proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
-    T). The integral has a share of the least of the bandwidths 1 / T, k / D, D / J. The
-    shares are the best of `scripts/benchmarks/tune_baselines.py`. There is no
-    damper where it would drive the swing, as late as it acts.
+    T). The bandwidth of the integral is `integral_share` of the least of 1 / T, k / D,
+    D / J. These shares were tuned by `scripts/benchmarks/tune_baselines.py`. The damper
+    is off if, with its delay, it would feed the oscillation of rotor and cables.
 
     Raises:
         CableError: Cables or rotor are not known.
@@ -245,10 +241,10 @@ class TunedFeedback(ProportionalIntegral):
        - D (\dot\theta_m - \rho \dot\theta_j) \]
 
     with the gains of `loop_gains`. It is stable on a light winch, where the gains of
-    the thesis are not. Where a single cable is to pull nothing, an error e within six
-    standard deviations of the sensor, as `Drive` has it or as measured, is none: its
-    bias would wind the cable in and out in a limit cycle. The dead zone is gone at a
-    desired torque of twice its width.
+    the thesis are not. While a single cable is to pull nothing, there is a dead zone:
+    an error e within six standard deviations of the sensor, given by `Drive` or
+    measured, counts as 0. Otherwise a sensor bias would wind the cable in and out in a
+    limit cycle. The dead zone shrinks to none at a desired torque of twice its width.
     """
 
     stepped = dataclasses.replace(
@@ -290,10 +286,10 @@ class FrictionFeedForward(TunedFeedback):
     r"""`pi_tuned` with the friction of slipping cables fed forward, smoothly.
 
     The motor torque of cables that slip as a whole (`full_slip_balance`), with a
-    quarter of the believed friction, takes the place of \(\tau_d / \rho\). The sense of
-    the slip is the hyperbolic tangent of the speed \(\dot\theta_j + \dot\tau_d / k\) at
-    which the motor has to follow, over 0.3 rad/s: it is 0 at rest, so that nothing
-    chatters there. More friction makes a light winch swing.
+    quarter of the friction of the controller's model, takes the place of \(\tau_d /
+    \rho\). The sense of the slip is the hyperbolic tangent of the speed \(\dot\theta_j
+    + \dot\tau_d / k\) that the motor has to follow, over 0.3 rad/s: it is 0 at rest, so
+    the motor does not chatter there. More friction would make a light winch oscillate.
     """
 
     stepped = TunedFeedback.stepped

@@ -1,4 +1,4 @@
-"""Guard of controllers with feedback, compiled: it checks sensors and lets a joint go.
+"""Guard of controllers with feedback, compiled: it checks sensors and releases a joint.
 
     own = guard.Guarded(gains, spring, memory)
     guard.admit(own, seen)  # readings, in place
@@ -7,26 +7,26 @@
     torque = guard.bounded(own, torque)
 
 A model may be wrong, a sensor may fail, an integral may wind up. Then the compensation
-of friction drives the joint instead. Two readings show it: the torque sensor, and the
-stretch of the cables between both encoders. The joint is let go by whichever is larger,
-so no single sensor that fails is trusted.
+of friction drives the joint instead. Two quantities show it: the torque sensor, and the
+*stretch torque*, computed from the stretch of the cables between both encoders. The
+joint is released (the motor only follows it) by whichever is larger, so no single
+sensor that fails is trusted.
 
-The torque of the stretch is that of springs whose tension at the joint lies between
-the values of a cable that slips as a whole to either side (`full_slip_balance`). It
-follows the joint between these edges, as a play does. A gain that is learned from the
-torque sensor, within bounds, takes up a wrong stiffness. Where it falls far below what
-it was proven to be, it is the sensor that shows less.
+The stretch torque is that of springs whose tension at the joint lies between the values
+of a cable that slips as a whole to either side (`full_slip_balance`). It follows the
+joint between these edges, as a play operator does. A bounded gain, learned from the
+torque sensor, corrects a wrong stiffness. If the gain falls far below its earlier
+value, it is the sensor that shows too little.
 
-A cable may stretch otherwise than believed. So the stretch contradicts a sensor only
-where it has explained the torque before, or where a third witness agrees with it: the
-torque of the motor less that of its inertia, which the joint gets but for the friction
-of the cables. That is low-passed, and compared with the others low-passed alike. A
-stretch that is not known to explain the torque lets go only as far as the motor could
-have made that torque. A torque that is unsafe again and again is a stop, whatever makes
-it.
+A cable may stretch otherwise than in the model. So the stretch torque contradicts a
+sensor only if it has explained the torque before, or if a third quantity agrees with
+it: the motor torque less that of its inertia, which reaches the joint except for the
+friction of the cables. These are compared low-passed. A stretch that is not known to
+explain the torque releases the joint only as far as the motor could have made that
+torque. If torque is unsafe again and again, the guard stops the motor in any case.
 
-Where other motors turn the joint, too, its sensor does not measure the torque of these
-cables, so it contradicts neither stretch nor motor.
+If other motors turn the joint too, its sensor does not measure the torque of these
+cables alone, so it contradicts neither stretch nor motor.
 
 A motor that winds up slack is detected too late: when the cable gets taut, the
 stiffness k of the cables at the joint stops the rotor within milliseconds, with a
@@ -45,18 +45,20 @@ from cc_mujoco.native import FloatArray, compiled, internal
 NO_TORQUE_LIMIT, NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e9, 1e12
 """Safe torque [N m], speed [rad/s] and power [W] of a joint without known ones."""
 MAX_ANSWER_TIME, RIDE_TIME = 1.0, 0.005
-"""Longest time from a reading to the answer of the motor that is distinguished; time
-for which the last good reading stands in for missing ones [s]."""
+"""Longest delay from a reading to the motor's reaction that is modelled; time for which
+the last good reading replaces missing ones [s].
+"""
 MAX_READING = 1e6
 """Largest plausible reading [rad, rad/s, N m, N]: a larger one would be learned and
 never forgotten."""
 RELEASE_TIME, MAX_DAMPING_SHARE = 0.03, 0.8
-"""Time in which a motor that is let go takes the speed of the joint [s]; its greatest
-damping over the one at the edge of stability, late as it acts."""
+"""Time in which a released motor takes the speed of the joint [s]; its greatest damping
+over the one at the edge of stability with its delay.
+"""
 
 
 class _Thresholds(NamedTuple):
-    """Limits of what is ordinary; a comment is on the numbers below it."""
+    """Limits of normal operation; a comment is on the numbers below it."""
 
     # share of the way from the planned to the safe torque beyond which the joint is let
     # go, and down to which it stays so; likewise of the safe speed and power, from 1
@@ -155,7 +157,8 @@ _SET = _Thresholds()
 FREE, RELEASED, BRAKED, STOPPED, LIMP = 0.0, 1.0, 2.0, 3.0, 4.0
 """States: the law drives; the motor follows the joint; it brakes, as the joint is too
 fast; it follows the joint until a reset, as torque is not measured; it has no torque
-until a reset, as an angle is not."""
+until a reset, as an angle is not measured.
+"""
 
 STIFFNESS, REST, FRICTION, SPRING_SIZE = range(4)
 """Numbers of a spring: stiffness of all cables at the joint [N m/rad], torque there of
@@ -207,7 +210,7 @@ class DriveLimits(NamedTuple):
 
 
 class Guarded(NamedTuple):
-    """A drive under guard."""
+    """Gains, spring and memory of the guard of one drive."""
 
     gains: FloatArray  # `DriveLimits` first
     spring: FloatArray  # see `STIFFNESS`; a stiffness of 0 is not known
@@ -235,7 +238,7 @@ def limited(gains: FloatArray, torque: float) -> float:
 
 @internal
 def _exceeds(torque: float, planned: float, safe: float, share: float) -> bool:
-    """Return whether a torque is past `share` of the way from planned to safe."""
+    """Return whether a torque is past `share` of the way from planned to safe [N m]."""
     aim = min(max(planned * np.sign(torque), 0.0), safe)
     return bool(abs(torque) > aim + share * (safe - aim))
 
@@ -246,9 +249,9 @@ def release_state(
 ) -> float:
     """Return 1.0 while the motor is to follow the joint, else 0.0.
 
-    The result was `before` in the previous step. Torques at the joint [N m] are the
-    measured one, the one that stopping the rotor would add (`impact_torque`), the
-    planned one and the largest safe one.
+    The result was `before` in the previous step. `measured` is the measured torque at
+    the joint, `rushing` what stopping the rotor would add (`impact_torque`), `planned`
+    the desired torque and `safe` the largest safe one [N m].
     """
     share = _SET.release_share if before == 0.0 else _SET.recovery_share
     if _exceeds(measured, planned, safe, share):
@@ -266,15 +269,15 @@ def impact_torque(
 ) -> float:
     """Return the joint torque at which cables stop a motor that runs ahead [N m].
 
-    Velocity of the motor relative to the joint [rad/s], ratio of the drive, stiffness
-    of all cables at the joint [N m/rad], inertia of the motor [kg m^2].
+    `ahead` is the velocity of the motor relative to the joint [rad/s], `stiffness` that
+    of all cables at the joint [N m/rad], `inertia` that of the motor [kg m^2].
     """
     return float(np.sign(ratio) * ahead * np.sqrt(stiffness * inertia))
 
 
 @internal
 def _least_share(friction: float) -> float:
-    """Return the tension at the joint over the mean of a cable that slips to it."""
+    """Return joint tension over mean tension of a cable that slips to the joint."""
     return float(friction / np.expm1(friction)) if friction > 1e-6 else 1.0
 
 
@@ -284,8 +287,8 @@ def spring_edges(
 ) -> tuple[float, float]:
     """Return the least and the greatest torque of stretched cables [N m].
 
-    With `one_way` the cables only pull, towards a positive torque. The stretch is the
-    motor angle over the ratio, ahead of the joint, from rest [rad].
+    With `one_way` the cables only pull, towards a positive torque. `stretch` is the
+    motor angle over the ratio, less the joint angle and the value at rest [rad].
     """
     low = _least_share(spring[FRICTION])
     high = low * np.exp(spring[FRICTION])
@@ -300,7 +303,7 @@ def spring_edges(
 
 @internal
 def _predict(own: Guarded, moved: float) -> None:
-    """Predict the torque of the stretch after the joint has moved [rad]."""
+    """Update the stretch torque after the joint has moved by `moved` [rad]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     ratio, one_way = limits.ratio, limits.one_way != 0.0
     sign = np.sign(ratio) if one_way else 1.0
@@ -320,21 +323,22 @@ def _predict(own: Guarded, moved: float) -> None:
 
 
 def is_heard(torque: Any) -> Any:
-    """Return whether a motor can have got a torque [N m]."""
+    """Return whether torques are plausible for a motor: at most `MAX_READING` [N m]."""
     return np.abs(torque) <= MAX_READING
 
 
 @internal
 def is_reading(value: float) -> bool:
-    """Return whether a number can be a reading."""
+    """Return whether a number is plausible as a reading: at most `MAX_READING`."""
     return bool(abs(value) <= MAX_READING)
 
 
 @internal
 def _start(own: Guarded, seen: FloatArray) -> bool:
-    """Begin with the first readings, once all are there; until then without torque.
+    """Begin with the first complete readings; until then the motor has no torque.
 
-    The cables are at rest where their stretch makes the measured torque.
+    The rest position of the cables is that at which their stretch makes the measured
+    torque. Return whether all readings are there.
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     for i in range(READINGS):
@@ -367,13 +371,13 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
 
 @internal
 def stop(memory: FloatArray, state: float) -> None:
-    """Stop until a reset."""
+    """Set a state from which only a reset returns, unless it is worse already."""
     memory[STATE] = max(memory[STATE], state)
 
 
 @internal
 def _fill_missing(own: Guarded, seen: FloatArray) -> None:
-    """Replace readings that are none by the last good ones, for a short time."""
+    """Replace missing readings by the last good ones; stop after `RIDE_TIME`."""
     limits, memory = limits_of(own.gains), own.memory
     missing, angles = False, False
     for i in range(READINGS):
@@ -391,7 +395,7 @@ def _fill_missing(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
-    """Replace a single sample that no motion explains; stop if it was no single one."""
+    """Replace a reading that no motion explains; stop if the next one is so, too."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     least = _SET.jump_share * limits.safe_torque
     turn = least / spring[STIFFNESS]
@@ -421,7 +425,7 @@ def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _check_frozen(own: Guarded, seen: FloatArray) -> None:
-    """Stop if a reading stays the same while the others say that it cannot."""
+    """Stop if a reading stays the same although the others show that it must change."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
     if limits.shared != 0.0:
@@ -466,10 +470,7 @@ def _check_frozen(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _watch_motor(own: Guarded, seen: FloatArray) -> None:
-    """Low-pass the motor torque that is left after accelerating its own inertia.
-
-    It is referred to the joint.
-    """
+    """Low-pass the motor torque, less that of its inertia, referred to the joint."""
     limits, memory = limits_of(own.gains), own.memory
     rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
     given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
@@ -481,10 +482,10 @@ def _watch_motor(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _behind_friction(own: Guarded, torque: float, friction: float) -> float:
-    """Return the torque at one end of cables that slip, from that at the other [N m].
+    """Return the torque at one end of slipping cables from that at the other [N m].
 
-    `friction` is the coefficient times wrap between both, negative where the torque
-    that is returned is the smaller.
+    `friction` is the friction coefficient times the wrap between both, negative if the
+    returned torque is the smaller.
     """
     limits, spring = limits_of(own.gains), own.spring
     grown = np.exp(0.5 * friction)
@@ -508,10 +509,11 @@ def _most_friction(spring: FloatArray) -> float:
 
 @internal
 def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float:
-    """Return how far a motor torque lies outside the band of friction [N m].
+    """Return by how much a motor torque is outside the band that friction allows [N m].
 
-    The band is what friction, of at most this coefficient times wrap, allows around
-    the joint torque; 0 inside. `given` is that of the motor at the joint without it.
+    The band is around the joint torque `torque`, for `friction`, a coefficient times
+    wrap; inside, the result is 0. `given` is the motor torque referred to the joint [N
+    m].
     """
     limits = limits_of(own.gains)
     least = _SET.motor_share * limits.safe_torque
@@ -522,13 +524,13 @@ def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float
 
 @internal
 def _explains(memory: FloatArray, most: float) -> bool:
-    """Return whether the stretch is known to explain the torque up to a misfit."""
+    """Return whether the stretch torque is known to fit the sensor, up to a misfit."""
     return bool(0.0 <= memory[_MISFIT] < most)
 
 
 @internal
 def _deviation(memory: FloatArray) -> float:
-    """Return the usual deviation of the torque from that of the stretch [N m]."""
+    """Return the RMS difference between sensor and stretch torque [N m]."""
     gain = memory[_GAIN]
     off = memory[_SENSED] + gain * (gain * memory[_POWER] - 2.0 * memory[_BOTH])
     return float(np.sqrt(max(off, 0.0) / max(memory[_LEARNT], _SET.known_time)))
@@ -536,7 +538,7 @@ def _deviation(memory: FloatArray) -> float:
 
 @internal
 def _learn(own: Guarded) -> None:
-    """Learn the gain of sensor to stretch, and how well it explains the torque."""
+    """Learn the gain from stretch torque to sensor, and the misfit between both."""
     limits, memory = limits_of(own.gains), own.memory
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
     share = limits.period / _SET.mean_time
@@ -562,7 +564,7 @@ def _learn(own: Guarded) -> None:
 
 @internal
 def _compare(own: Guarded) -> None:
-    """Stop where two of sensor, stretch and motor contradict the third."""
+    """Stop if two of sensor, stretch torque and motor torque contradict the third."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _SET.gap_factor * max(abs(torque), abs(scaled))
@@ -629,7 +631,7 @@ def admit(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _credible(own: Guarded) -> float:
-    """Return the part of the stretch torque that is credible [N m]."""
+    """Return the stretch torque, limited by what the motor can have caused [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
     if _explains(memory, _SET.max_misfit):
@@ -648,7 +650,7 @@ def _credible(own: Guarded) -> float:
 
 @internal
 def _is_too_fast(own: Guarded) -> bool:
-    """Return whether speed of, or power into, the joint is beyond its limit."""
+    """Return whether the joint's speed, or the power into it, exceeds its limit."""
     limits, memory = limits_of(own.gains), own.memory
     share = 1.0 if memory[STATE] != BRAKED else _SET.release_share
     speed = memory[_GOOD + JOINT_SPEED]
@@ -691,9 +693,9 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
 
 @internal
 def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the phase by which rotor and cables oscillate in the response time [rad].
+    """Return the phase of the rotor's oscillation during the delay of the motor [rad].
 
-    It is 0 where stiffness, inertia or the time of an answer are not known.
+    It is 0 if stiffness or inertia is not known, or the delay is 0.
     """
     if not limits.inertia * spring[STIFFNESS] > 0.0:
         return 0.0
@@ -703,11 +705,10 @@ def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
 
 @compiled
 def damper_share(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the share of a motor's damping that still calms it, late as it acts.
+    """Return the share of a motor's damping that is still effective with its delay.
 
-    A damper that answers a quarter of a swing late, pi / 2, drives the swing, and an
-    answer may be half as late again as believed. So it is all below 0.5 and none from
-    1 rad.
+    A damper delayed by a quarter of an oscillation, pi / 2, feeds it, and a delay may
+    be half as long again as modelled. So the share is 1 up to 0.5 rad and 0 from 1 rad.
     """
     turned = _turn_of_answer(limits, spring)
     return float(min(max(2.0 - 2.0 * turned, 0.0), 1.0))
@@ -715,16 +716,17 @@ def damper_share(limits: DriveLimits, spring: FloatArray) -> float:
 
 @internal
 def _period_share(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the share of a swing of the motor that a step lasts, 1 at most."""
+    """Return the control period over the rotor's period of oscillation, at most 1."""
     frequency = _turn_of_answer(limits, spring) / limits.answer_time
     return float(min(limits.period * frequency / (2.0 * np.pi), 1.0))
 
 
 @compiled
 def let_go_torque(own: Guarded, damping: float, ahead: float) -> float:
-    """Return the torque of a motor that the law does not drive [N m].
+    """Return the torque of a released motor [N m].
 
-    It is damped [N m s/rad] where it runs `ahead` of the joint [rad/s].
+    It is that of a damper [N m s/rad] at the speed `ahead` relative to the joint
+    [rad/s].
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] == LIMP:
@@ -754,13 +756,13 @@ def command_limit(limits: DriveLimits, spring: FloatArray) -> float:
 def _swing_bounds(
     own: Guarded, torque: float, rushing: float, most: float
 ) -> tuple[float, float]:
-    """Return the least and the greatest torque that the motor may pull with [N m].
+    """Return bounds of the motor torque that keep an oscillation safe [N m].
 
-    Rotor and cables swing at an angular frequency w about a torque that the motor
-    holds. The guard sees late what it does, so that torque is held for the time T of an
-    answer. Let go then, they swing by no more than the greatest torque M:
-    g^2 |a|^2 + 2 g a b + |b|^2 <= M^2, where a = (1 - cos wT, sin wT), and b is the
-    present state (torque, rushing) turned by wT; `rushing` as of `release_state`.
+    Rotor and cables oscillate at an angular frequency w about the torque g that the
+    motor holds, at the joint. The guard reacts after a time T, during which g is held.
+    After a release then, the torque stays below `most` = M if g^2 |a|^2 + 2 g a b +
+    |b|^2 <= M^2, where a = (1 - cos wT, sin wT), and b is the present state (torque,
+    rushing) rotated by wT; `rushing` as in `release_state`.
     """
     limits, spring = limits_of(own.gains), own.spring
     turned = min(_turn_of_answer(limits, spring), np.pi)
@@ -773,7 +775,7 @@ def _swing_bounds(
 
 @internal
 def _swing_limited(own: Guarded, torque: float) -> float:
-    """Return a command that keeps the joint torque safe until the motor can answer."""
+    """Return a command that keeps the joint safe until the motor can react [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
@@ -808,9 +810,9 @@ def bounded(own: Guarded, torque: float) -> float:
 
 @internal
 def passed(own: Guarded, damping: float, torque: float) -> float:
-    """Return the torque of the motor for that of a law, after `admit` [N m].
+    """Return the guarded motor torque for `torque` of a law, after `admit` [N m].
 
-    `damping` is that of a motor that is let go [N m s/rad].
+    `damping` is that of a released motor [N m s/rad].
     """
     limits, seen = limits_of(own.gains), own.memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]

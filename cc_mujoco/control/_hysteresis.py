@@ -1,11 +1,11 @@
-r"""Models of hysteresis from motor angle to joint angle, and their inverses.
+"""Models of hysteresis from motor angle to joint angle, and their inverses.
 
     model = MODELS["backlash_inverse"].fit(trial)
     state = model.rest(1)
     motor = model.invert(state, np.array([0.1]))      # rad, for a joint at 0.1 rad
 
-Angles are those from rest, in the neutral pose, and that of the motor is taken at the
-joint: without friction and stretch both are equal. Models are frozen dataclasses of
+Angles are relative to rest in the neutral pose, and the motor angle is divided by the
+ratio: without friction and stretch both are equal. Models are frozen dataclasses of
 numbers and tuples of numbers, so that they can be written to a file.
 """
 
@@ -30,7 +30,7 @@ PLAYS, PIECES = 12, 8  # numbers of plays, and of straight pieces of the curve, 
 
 @dataclass(frozen=True)
 class HysteresisTrial:
-    """Slow course of a motor and of its joint, for a fit.
+    """Slow motion of a motor and its joint, to which models are fitted.
 
     It begins at rest in the neutral pose and covers the range in use, back and forth,
     best in loops of several sizes.
@@ -47,7 +47,7 @@ class HysteresisTrial:
         ratio: float,
         samples: int = 1500,
     ) -> HysteresisTrial:
-        """Return a trial of measured angles (n,) [rad], thinned to about some samples.
+        """Return a trial of angles (n,) [rad], thinned to about `samples` of them.
 
         `ratio` is the motor angle per joint angle of an unstretched cable [-].
 
@@ -109,13 +109,14 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def rest(self, count: int) -> Array:
-        """Return the state of n inverses at rest, (n, numbers)."""
+        """Return the states of `count` separate inverses at rest (count, numbers)."""
 
     @abstractmethod
     def invert(self, state: Array, joint: Array) -> Array:
         """Return the motor angles for the next joint angles, (n,) [rad] both.
 
-        The course between two calls is monotone; the state of `rest` is changed.
+        The joint moves monotonically between two calls. `state`, which `rest` gives, is
+        updated.
         """
 
     def to_dict(self) -> dict[str, Any]:
@@ -125,7 +126,7 @@ class HysteresisModel(ABC):
 
     @classmethod
     def from_dict(cls, name: str, given: Mapping[str, Any]) -> Self:
-        """Return the model of the parameters of `to_dict`; `name` is for errors."""
+        """Return the model of parameters as in `to_dict`; error messages say `name`."""
         kinds = {f.name: f.type for f in dataclasses.fields(cls)}
         for key in given:
             if key not in kinds:
@@ -148,7 +149,7 @@ class HysteresisModel(ABC):
 
 @dataclass(frozen=True)
 class Line(HysteresisModel):
-    """Straight line: mean stretch, without hysteresis."""
+    """Straight line from joint to motor angle: mean stretch, without hysteresis."""
 
     slope: float  # motor angle per joint angle [-]
     offset: float  # motor angle at joint angle 0 [rad]
@@ -228,7 +229,7 @@ class SmoothBacklash(HysteresisModel):
 
 
 def _blend(joint: Array, transition: float) -> Array:
-    """Return the blend z along a course of the joint (samples,)."""
+    """Return z of `SmoothBacklash` for successive joint angles (samples,) [rad]."""
     moved = np.diff(joint, prepend=joint[0])
     kept = np.exp(-np.abs(moved) / transition).tolist()
     ways, z, found = np.sign(moved).tolist(), 0.0, np.empty(joint.size)
@@ -244,10 +245,10 @@ class PrandtlIshlinskii(HysteresisModel):
 
     K. Kuhnen, "Modeling, identification and compensation of complex hysteretic
     nonlinearities: a modified Prandtl-Ishlinskii approach", European J. Control 9,
-    2003: a sum of plays \(H\) of the motor angle, then a curve \(S\) without memory.
-    The inverse of \(H\) is a sum of plays, too. Of \(S\) only its inverse \(S'\) is
-    needed, a curve of straight pieces, so weights and curve are one linear least
-    squares with bounds: \(H[\theta] = S'(q)\).
+    2003: a weighted sum of play operators \(H\) of the motor angle, then a curve \(S\)
+    without memory. The inverse of \(H\) is a sum of plays, too. Only the inverse \(S'\)
+    of \(S\) is needed, a piecewise linear curve, so that weights and curve are found by
+    one linear least-squares problem with bounds: \(H[\theta] = S'(q)\).
     """
 
     thresholds: tuple[float, ...]
@@ -318,16 +319,13 @@ class PrandtlIshlinskii(HysteresisModel):
 
 
 def _plays(angle: Any, thresholds: Array, state: Array) -> Array:
-    """Return the plays after an angle."""
+    """Return the outputs of play operators at an angle, `state` those before [rad]."""
     found: Array = np.maximum(angle - thresholds, np.minimum(angle + thresholds, state))
     return found
 
 
 def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:
-    """Return thresholds and weights of the inverse of a sum of plays.
-
-    Kuhnen 2003; the memories at rest are those of the operator at rest, zero.
-    """
+    """Return thresholds [rad] and weights of the inverse of a sum of plays (Kuhnen)."""
     total = np.cumsum(weights)
     inverse = np.concatenate(
         [[1.0 / weights[0]], -weights[1:] / (total[1:] * total[:-1])]
@@ -378,7 +376,7 @@ class BoucWen(HysteresisModel):
         motor, joint = trial.motor_angle, trial.joint_angle
 
         def linear(rates: Array) -> tuple[list[float], Array]:
-            """Return all parameters, and the errors."""
+            """Return all parameters for two rates, and the joint's errors [rad]."""
             beta = float(np.exp(rates[0])) / float(np.ptp(motor))
             gamma = beta * float(np.tanh(rates[1]))
             z = _hysteretic(motor, beta, gamma)
@@ -413,7 +411,7 @@ class BoucWen(HysteresisModel):
         return motor
 
     def _change(self, z: Array, way: Array, step: Array) -> Array:
-        """Return the change of z for a step of the joint."""
+        """Return the change of z for a step of the joint [rad] in a direction `way`."""
         slope = 1.0 - np.abs(z) * (self.beta * np.sign(z) * way + self.gamma)
         # The joint moves by at least 2 % of a per turn of the motor.
         moved = np.maximum(self.gain - self.hysteresis * slope, 0.02 * self.gain)
@@ -421,10 +419,10 @@ class BoucWen(HysteresisModel):
 
 
 def _hysteretic(motor: Array, beta: float, gamma: float) -> Array:
-    """Return z along a course of the motor (samples,), in closed form between samples.
+    """Return z of `BoucWen` for successive motor angles (samples,) [rad].
 
-    While the signs of z and of the motion stay, z relaxes exponentially; where z
-    crosses 0, the step is divided there.
+    The solution between samples is in closed form: z relaxes exponentially while its
+    sign and that of the motion stay, and the step is divided where z crosses 0.
     """
     moved = np.diff(motor, prepend=motor[0]).tolist()
     found, z = np.empty(motor.size), 0.0
@@ -445,7 +443,7 @@ def _hysteretic(motor: Array, beta: float, gamma: float) -> Array:
 
 
 def _relaxed(size: float, left: float, rate: float, sign: float) -> float:
-    """Return a size after a motion, which relaxes towards `sign / rate`."""
+    """Return |z| after a motion `left` [rad], in which it nears `sign / rate`."""
     if rate <= 1e-9:
         return size + sign * left
     end = sign / rate

@@ -6,10 +6,10 @@
 
 Compiled episodes and exported C run them; nothing allocates.
 
-`shape` says how many cables there are, then the segments of each, then the sections of
-each. `tables` are numbers of the controller that no parameter changes. `parameters` are
-the gains; then, of every cable, its arms at motor and joint, its scalars and its
-sections. Memory is numbers only.
+`shape` has the number of cables, then the number of segments of each, then the number
+of sections of each. `tables` are numbers of the controller that no parameter changes.
+`parameters` are the gains; then, of every cable, its arms at motor and joint, its
+scalars and its sections. Memory is numbers only.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def gain(
 
 @dataclass(frozen=True)
 class DriveGains:
-    """Parameters of motor and joint that every law begins with, as `DriveLimits`."""
+    """Parameters of motor and joint, first in every law: fields of `DriveLimits`."""
 
     ratio: float = gain(
         "1", -1e6, 1e6, 1.0,
@@ -141,34 +141,38 @@ LIMITS, FEEDBACK = parameters_of(DriveGains), parameters_of(FeedbackGains)
 _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFNESS = (
     range(guard.LIMITS, len(FEEDBACK) - guard.SPRING_SIZE + 1)
 )
-"""Their places behind `DriveLimits`; the spring of the cables is last."""
+"""Indices of the gains of feedback after `DriveLimits`; the cables' spring is last."""
 
 FIRST_STEP, JOINT_ANGLE, SPRING, OWN_MEMORY = 0, 1, 2, 2 + guard.SPRING_SIZE
-"""Places in the memory: whether no step was taken yet, angle of the joint since the
-start as the model finds it [rad], all cables as a spring there (`guard.STIFFNESS`),
-numbers that are a controller's own."""
+"""Places in the memory: 1 until the first step is taken; angle of the joint since the
+start by the model [rad]; all cables as a spring there (`guard.STIFFNESS`); first of the
+numbers that are a controller's own.
+"""
 INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
-"""Places of those of a law with feedback: torque of the integral [N m]; direction in
-which the motor shall turn; first of the numbers of the guard."""
+"""Places of the own numbers of a law with feedback: torque of the integral [N m];
+direction in which the motor shall turn; first number of the guard.
+"""
 LAST_COMMAND, GAINS, CABLES = (
     OWN_MEMORY + GUARD + guard.COMMAND,
     OWN_MEMORY + GUARD + guard.MEMORY_SIZE,
     OWN_MEMORY + GUARD + guard.MEMORY_SIZE + len(FEEDBACK),
 )
 """Places in the memory of a controller that does not plan: its last torque; its gains;
-first of the rows of numbers of the cables, with a model."""
+first of the rows of numbers of the cables, if it has a model.
+"""
 _CABLE_ROWS = 5 + compensation.SCRATCH_ROWS
 """Those rows: proximal and distal arm, arm now, direction of slip, gain, scratch."""
 
 MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""
 _KNOWN, _TORQUE, LACK_SIZE = range(3)
-"""Places in the memory of the torque that the model lacks, and its size: whether a
-torque was applied; the disturbance [N m]."""
+"""Places in the memory of `_learn_lack`, and its size: 1 once a torque was applied; the
+disturbance [N m].
+"""
 
 
 class LawData(NamedTuple):
-    """Numbers that a law of one axis works on; `sizes` are its shape, see above."""
+    """Numbers that a law of one axis works on; `sizes` is the shape of this module."""
 
     memory: FloatArray
     sizes: IntArray
@@ -183,7 +187,7 @@ def part(numbers: FloatArray, first: int, count: int) -> FloatArray:
 
 @reinterpret_part
 def rows_of(numbers: FloatArray, first: int, rows: int, columns: int) -> FloatMatrix:
-    """Return a part of a memory as a matrix."""
+    """Return `numbers` from index `first` on as a matrix, without a copy."""
     return numbers[first : first + rows * columns].reshape(rows, columns)
 
 
@@ -191,7 +195,7 @@ def rows_of(numbers: FloatArray, first: int, rows: int, columns: int) -> FloatMa
 def tables_of(
     numbers: FloatArray, first: int, tables: int, rows: int, columns: int
 ) -> FloatCube:
-    """Return a part of a memory as several matrices."""
+    """Return `numbers` from index `first` on as several matrices, without a copy."""
     whole = numbers[first : first + tables * rows * columns]
     return whole.reshape(tables, rows, columns)
 
@@ -208,7 +212,7 @@ def whole_rows_of(numbers: IntArray, first: int, rows: int, columns: int) -> Int
 
 @internal
 def longest_cable(shape: IntArray) -> int:
-    """Return the segments of the longest cable."""
+    """Return the largest number of segments of a cable."""
     longest = 0
     for k in range(shape[0]):
         longest = max(longest, shape[1 + k])
@@ -217,7 +221,7 @@ def longest_cable(shape: IntArray) -> int:
 
 @compiled
 def places(shape: IntArray) -> tuple[int, int]:
-    """Return the places of the states of a model's cables, and behind the model."""
+    """Return the index of the cables' states in the memory, and of the model's end."""
     cables, most = shape[0], longest_cable(shape)
     of_cable = _CABLE_ROWS + kernel.parameter_size(most)
     states = CABLES + cables * of_cable
@@ -227,7 +231,7 @@ def places(shape: IntArray) -> tuple[int, int]:
 
 @internal
 def model_memory(memory: FloatArray, shape: IntArray) -> compensation.Model:
-    """Return the parts of the memory of a law with a model."""
+    """Return views of the memory of a law with a model, as a `Model`."""
     count, longest = shape[0], longest_cable(shape)
     of_cables = rows_of(memory, CABLES, _CABLE_ROWS, count)
     place, end = places(shape)
@@ -262,8 +266,9 @@ def wrong_parameters(
 ) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none.
 
-    `gains` numbers are of the controller, `DriveLimits` first. Behind them are those of
-    its cables, where it has a model, and then any others.
+    The first `gains` numbers are those of the controller, `DriveLimits` first. After
+    them are those of its cables, if it has a model, and then any others. `least` and
+    `most` are bounds of all.
     """
     wrong = _first_out_of_range(0, gains, parameters, least, most)
     if wrong != 0:
@@ -305,7 +310,7 @@ def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
 
 @compiled
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the gains of a controller with a model, and its cables."""
+    """Store gains and cables of a controller with a model in its memory."""
     store_gains(memory, shape, parameters)
     cables, first = model_memory(memory, shape).cables, CABLES - GAINS
     spring = part(memory, SPRING, guard.SPRING_SIZE)
@@ -323,10 +328,9 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
 
 @internal
 def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
-    """Return 1 + the place of a reading outside any sensor's range, 0 if there is none.
+    """Return 1 + the index of an unguarded reading out of range, 0 if there is none.
 
-    `guarded` is 1 for every reading of all axes where the guard of its axis looks at
-    it.
+    `guarded` is 1 for every reading that a guard checks itself.
     """
     for i in range(count):
         if guarded[i] == 0 and not guard.is_reading(readings[i]):
@@ -335,7 +339,7 @@ def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
 
 
 class Law(NamedTuple):
-    """Numbers of a law with feedback, of one device."""
+    """Gains, spring, memory and measurements of a law with feedback."""
 
     gains: FloatArray  # in the order of `FEEDBACK`, or of another law's own
     spring: FloatArray  # all cables at the joint, see `guard.STIFFNESS`
@@ -367,7 +371,7 @@ def admit(law: Law) -> None:
 
 @internal
 def _admitted(data: LawData) -> Law:
-    """Return a law and what its guard lets through; begin where that is due."""
+    """Return a law with the readings that its guard admits, reset at a first step."""
     law = _law_of(data.memory)
     if data.memory[FIRST_STEP] != 0.0:
         law.memory[:] = 0.0
@@ -380,9 +384,9 @@ def _admitted(data: LawData) -> Law:
 def _guarded(law: Law, feedforward: float, error: float, damped: bool) -> float:
     """Return the motor torque of feedback around a feed-forward, guarded [N m].
 
-    The integral in the memory is updated. `error` is the desired less the measured
-    joint torque [N m]. With `damped` a damper is added to the feed-forward. While the
-    guard does not let the law drive, the integral restarts.
+    `error` is the desired less the measured joint torque [N m]; its integral is in the
+    memory, and restarts while the guard does not let the law drive. If `damped`, a
+    damper of the motor relative to the joint is added to the feed-forward.
     """
     gains, spring, memory, seen = law
     own, ratio = _watched(law), gains[guard.RATIO]
@@ -434,7 +438,7 @@ def step_proportional_integral(data: LawData) -> float:
 
 @compiled
 def follow_model(data: LawData) -> None:
-    """Have the guard check the measurements, and the cables' model follow them."""
+    """Let the guard check the measurements, and step the cables' model by them."""
     memory, seen = data.memory, _admitted(data).seen
     own = model_memory(memory, data.sizes)
     if memory[FIRST_STEP] != 0.0:
@@ -452,7 +456,7 @@ def follow_model(data: LawData) -> None:
 
 @internal
 def model_torque(data: LawData, kind: int) -> float:
-    """Return the motor torque of a kind of law, after `follow_model` [N m]."""
+    """Return the motor torque of a law, a `kind`, after `follow_model` [N m]."""
     own, law = model_memory(data.memory, data.sizes), _law_of(data.memory)
     if kind == STICTION:
         return _stiction(law, own)
@@ -489,7 +493,7 @@ def _stiction(law: Law, model: compensation.Model) -> float:
 def _learn_lack(
     share: float, load: float, memory: FloatArray, lack: FloatArray
 ) -> float:
-    """Return the motor torque that the model lacks, with that of the last step [N m].
+    """Return the low-passed motor torque that the model does not explain [N m].
 
     `share` is the weight of the new value, `load` the motor torque that the model
     explains [N m]; `lack` (`LACK_SIZE`,), 0 at the start, is updated.
@@ -535,7 +539,8 @@ its noise."""
 def _noise(period: float, signals: FloatArray, torque: float) -> float:
     """Return the standard deviation of the noise of the torque sensor [N m].
 
-    It is that of second differences: no motion bends a torque within three samples.
+    It follows from second differences, as motion hardly bends a torque within three
+    samples.
     """
     change = torque - signals[_LAST_TORQUE]
     power = (change - signals[_LAST_CHANGE]) ** 2 / 6.0
@@ -550,8 +555,8 @@ def step_tuned(data: LawData) -> float:
     """Return the motor torque of `TunedFeedback` [N m].
 
     The tables are the share of friction that is fed forward, the speed of slip [rad/s],
-    the dead zone in deviations, the deviation of the torque sensor [N m], and those of
-    `cable_table`.
+    the dead zone in standard deviations, the standard deviation of the torque sensor [N
+    m], and `cable_table`.
     """
     law, tables = _admitted(data), data.tables
     signals = part(data.memory, CABLES, SIGNAL_SIZE)
@@ -583,11 +588,11 @@ def step_tuned(data: LawData) -> float:
 
 @internal
 def begun(data: LawData, gains: int, size: int, first: int) -> Law:
-    """Return a law with a copy of the measurements; begin an episode where due.
+    """Return a law with a copy of the measurements, its memory reset at a first step.
 
-    The tables begin with the `gains` behind `DriveLimits` and the spring of the cables.
-    In the memory the `size` numbers of the law are behind the gains, `first` of them
-    the guard.
+    The tables begin with the gains after `DriveLimits`, `gains` in all, and the spring
+    of the cables. In the memory the `size` numbers of the law follow the gains; those
+    of the guard begin at `first`.
     """
     memory = data.memory
     spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
@@ -603,7 +608,7 @@ def begun(data: LawData, gains: int, size: int, first: int) -> Law:
 
 
 class InverseGains(NamedTuple):
-    """Gains of `BacklashInverse` behind `DriveLimits`."""
+    """Gains of `BacklashInverse` after `DriveLimits`."""
 
     late: float  # time from a torque at the joint to the answer of the motor [s]
     position: float  # [N m/rad]
@@ -623,7 +628,7 @@ BAND_SIGMAS = 0.34  # motion that is none, in standard deviations of the torque 
 
 @compiled
 def _turn(memory: FloatArray, wanted: float, band: float) -> float:
-    """Return the sense in which an angle moves, which noise does not turn."""
+    """Return the direction of `wanted`, reversed by a motion above `band` [rad]."""
     sense = memory[_SENSE]
     if sense == 0.0:
         if abs(wanted - memory[_EXTREME]) > band:
@@ -683,12 +688,13 @@ def step_inverse(data: LawData) -> float:
 
 
 STRETCH, SPEED, LOAD, LACK, STATES = range(5)
-"""Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
-the joint that the linear model lacks."""
+"""States of the linear model: motor angle less ratio times joint angle [rad]; its rate;
+torques on the motor and at the joint that it does not explain [N m].
+"""
 
 
 class GaussianGains(NamedTuple):
-    """Gains of `LinearQuadraticGaussian` behind `DriveLimits`."""
+    """Gains of `LinearQuadraticGaussian` after `DriveLimits`."""
 
     rigidity: float  # stiffness of all cables at the joint [N m/rad]
     release: float  # damping of a motor that is let go [N m s/rad]
@@ -697,7 +703,7 @@ class GaussianGains(NamedTuple):
 
 _GAUSSIAN_STARTED, _STRETCH_OFFSET, _INNOVATION, GAUSSIAN_GUARD = range(4)
 HEADER = GAUSSIAN_GUARD + guard.MEMORY_SIZE
-"""Numbers of the memory before the state and the torques on their way."""
+"""Number of numbers in the memory before the state and the torques not yet measured."""
 
 
 class Design(NamedTuple):
@@ -713,7 +719,7 @@ class Design(NamedTuple):
 def _advance(
     model: FloatMatrix, state: FloatArray, torque: float, new: FloatArray
 ) -> None:
-    """Advance the state by a step with a torque of the motor."""
+    """Advance the state of the linear model by a step with a motor torque [N m]."""
     for i in range(STATES):
         new[i] = model[i, STATES] * torque
         for j in range(STATES):
@@ -726,7 +732,7 @@ def step_gaussian(data: LawData) -> float:
     """Return the motor torque of `LinearQuadraticGaussian` [N m].
 
     The tables are those of `begun`, then those of `Design`. The memory has `HEADER`
-    numbers, `STATES` and the torques on their way, and scratch.
+    numbers, `STATES` numbers of the state, the torques not yet measured, and scratch.
     """
     size, tables = data.sizes[0], data.tables
     count = len(GaussianGains._fields)

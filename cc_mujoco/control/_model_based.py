@@ -35,23 +35,23 @@ class ModelBased(ProportionalIntegral):
     \[ \tau_m = -\sum_i r_i\, C_i T_i + \frac{1}{\rho}
        \Bigl( K_p e + K_i \int e \, dt \Bigr) \]
 
-    with the distal tensions \(T_i\) that make the desired torque, the arms \(r_i\) of
-    the proximal ends [m/rad], signed, and the factor \(C_i\) of proximal to distal
-    tension when cable i last slipped as a whole, by the model that follows the device
-    (`CableModel`). Friction is in proportion to tension, so it multiplies instead of
-    being added (thesis 4.2). Until the whole cable has turned, \(C_i\) keeps its value:
-    partial motion is left to the feedback.
+    with the distal tensions \(T_i\) that make the desired torque, the signed arms
+    \(r_i\) of the proximal ends [m/rad], and the ratio \(C_i\) of proximal to distal
+    tension when cable i last slipped as a whole. All are those of the model that
+    follows the device (`CableModel`). Friction is in proportion to tension, so it
+    multiplies instead of being added (thesis 4.2). After a reversal \(C_i\) keeps its
+    value until the whole cable moves; until then feedback has to correct the error.
 
-    A step of the torque would throw a motor with inertia through the backlash and
-    beyond. So its speed relative to the joint is damped, by the stiffness of the cables
-    at the motor times T, so that it settles in about that time. The thesis has no
-    inertia and needs none of this.
+    A step of the desired torque would drive a motor with inertia through the backlash
+    and beyond. So its speed relative to the joint is damped, by the stiffness of the
+    cables at the motor times T, so that it settles in about that time. The thesis has
+    no inertia and needs none of this.
     """
 
     unread_gains = frozenset(
         {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
     )
-    """Gains that a law with a model does not read."""
+    """Gains that no law with a model reads."""
     stepped = SteppedLaw(
         law_steps.step_model_based,
         law_steps.store_model,
@@ -126,7 +126,7 @@ class ModelBased(ProportionalIntegral):
         return found
 
     def _scale_friction(self, row: int, factor: float) -> None:
-        """Scale the friction of the model of an environment."""
+        """Multiply the friction in the model of an environment by a factor."""
         if self._played and factor == self._played[row][1]:
             return
         own = law_steps.model_memory(self._memory[row], self._shape)
@@ -140,17 +140,16 @@ class ModelBased(ProportionalIntegral):
 class StictionCompensation(ModelBased):
     r"""Model-based with stiction compensation: partial motion is crossed at once.
 
-    As long as part of a cable stands still, the motor gives the torque at which
-    equation 2.7 fails at every node that does, so that the whole cable follows at once
-    (Listing 4.1). Which way it shall follow, the thesis does not say. Here it is the
-    sign of
+    As long as part of a cable sticks, the motor gives the torque at which equation 2.7
+    fails at every sticking node, so that the whole cable follows at once (thesis,
+    listing 4.1). The thesis does not say in which direction. Here it is the sign of
 
     \[ \tau_d - \tau_j + \kappa\, h\, \dot\theta_j \]
 
-    the torque that is lacking and the motion of the joint that the motor must keep up
-    with, ahead by the time h, with the stiffness \(\kappa\) of all cables at the joint.
-    The sense turns only when that passes the tolerance the other way: a motor that must
-    cross the whole backlash for every bit of noise would chatter.
+    the torque that is missing, plus that by which the motion of the joint, within the
+    time h, would change the torque of the cables, with their stiffness \(\kappa\) at
+    the joint. The direction reverses only when this exceeds the tolerance the other
+    way. Otherwise the motor would chatter, crossing the whole backlash with the noise.
     """
 
     stepped = dataclasses.replace(
@@ -172,8 +171,9 @@ class StictionCompensation(ModelBased):
     ) -> None:
         """Prepare for the first episode.
 
-        `preview` is h [s], `tolerance` the torque at the joint below which the sense
-        does not turn [N m], by default 1 % of the greatest; others as of `ModelBased`.
+        `preview` is h [s], `tolerance` the torque at the joint below which the
+        direction does not reverse [N m], by default 1 % of the greatest; others as of
+        `ModelBased`.
 
         Raises:
             CableError: As `ModelBased`, or a preview or tolerance that is negative.
@@ -193,7 +193,7 @@ class StictionCompensation(ModelBased):
 
 
 class DisturbanceObserver(ModelBased):
-    r"""Model-based with a disturbance observer: input not explained by the model.
+    r"""Model-based with a disturbance observer of what the model does not explain.
 
     \[ \tau_m = u_r + \frac{\omega_c}{s + \omega_c}
        \bigl( \tau_m - \hat\tau_m \bigr) \]

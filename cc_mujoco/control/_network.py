@@ -26,7 +26,7 @@ _TANH, _RELU, _, _ELU = range(len(ACTIVATIONS))
 
 
 class PackedNetwork(NamedTuple):
-    """Numbers of a network in the layout of the compiled code."""
+    """Numbers of a network in the order in which compiled code reads them."""
 
     # Place of the activation in `ACTIVATIONS`; 1 where the outputs are squashed, else
     # 0; widths, that of the observation first.
@@ -55,7 +55,7 @@ class Network:
     far: float = np.inf  # bound at which the quotient is clipped
 
     def __post_init__(self) -> None:
-        """Refuse layers that do not fit."""
+        """Raise a `CableError` unless the layers fit each other."""
         if self.activation not in ACTIVATIONS:
             raise CableError.unknown("activation", self.activation, ACTIVATIONS)
         widths = [self.mean.size]
@@ -115,7 +115,7 @@ class Network:
 
     @cached_property
     def packed(self) -> PackedNetwork:
-        """Numbers of the network."""
+        """The network as arrays for compiled code."""
         kind = ACTIVATIONS.index(self.activation)
         widths = [self.mean.size, *(own.size for own in self.biases)]
         parts = [np.array([self.far]), self.mean, self.deviation]
@@ -148,9 +148,9 @@ class Network:
 
 @internal
 def shares_of(net: PackedNetwork, work: FloatMatrix) -> int:
-    """Compute the share of each motor's torque, and return the row that begins with it.
+    """Compute each motor's share of its torque; return the row of `work` that has them.
 
-    The first row of `work` (2, widest layer) begins with the observation, changed.
+    Row 0 of `work` (2, widest layer) must begin with the observation; both rows change.
     """
     size, layers = net.sizes[WIDTHS], net.sizes.size - WIDTHS - 1
     numbers, far = net.numbers, net.numbers[0]

@@ -3,18 +3,18 @@
     planner.tune[PERIOD], planner.memory[ENERGY]
 
 A row of `memory` is the state of a controller for one device besides that of its
-cables: the rotor as estimated by an observer, with the torque that the model does not
-explain; motion of the joint and of the desired torque, per control step, by filters of
-third order; the direction in which the motor turns; the low-passed torque; the delay of
-the measurements in control steps; the energy of the joint beyond the desired one; bias
-of the torque sensor; torque of the motor and its last command; the shift of the joint
-of a single cable's model by the torque sensor so that it pulls, now and when it last
-pulled no more than desired; the same of the model with bristles; the joint of that
-model; mean squared errors of the torque that the model predicts, and of that with
-bristles; 1 while that one is planned with; mean squared torques on the rotor that
-either does not explain, the loads of both, and their observers of the rotor; torque by
-which a crossing stops short; the numbers of the guard; logarithms of the factors of
-friction.
+cables: angle, velocity and unexplained torque of the rotor by an observer, and the load
+on it; motion of the joint and of the desired torque, per control step, by filters of
+third order; the direction in which the motor turns; 1 after the start; the low-passed
+torque; the delay of the measurements in control steps; the energy that the joint got
+beyond the desired one; bias of the torque sensor; torque of the motor and its last
+command; the shift by which the torque sensor moves the joint of a single cable's model
+so that it pulls, now and when the cable last pulled no more than desired; the same of
+the model with bristles; the joint of that model; mean squared errors of the torque that
+the model predicts, and of that with bristles; 1 while plans use the latter; mean
+squared torques on the rotor that either model does not explain, the loads of both, and
+their observers of the rotor; torque by which a crossing stops short; the numbers of the
+guard; logarithms of the factors of friction.
 
 The model with bristles is a second hypothesis: friction that builds up over a travel,
 as it does where fibres or a liner give way, instead of at once. The value of that
@@ -41,13 +41,13 @@ BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17
 JOINT_SHIFT, TAUT_SHIFT, OTHER_JOINT, MODEL_ERROR, BRISTLED = 18, 19, 22, 23, 25
 ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, GUARD = 26, 28, 30, 38, 39
 FRICTION = GUARD + guard.MEMORY_SIZE
-"""Places in the memory; behind the last there is a number for every cable. Numbers of
-the model with bristles are one place behind those of the model, shifts two, the
-observer of the rotor `OBSERVER_SIZE`."""
+"""Places in the memory; after the last there is a number for every cable. Numbers of
+the model with bristles are one place after those of the model, shifts two, the observer
+of the rotor `OBSERVER_SIZE`."""
 
 OBSERVER_ERROR, OBSERVER_SIZE, WORK_ROWS = 3, 4, 9
-"""Place of the mean squared error of an observer of the rotor, behind angle, velocity
-and unexplained torque; size of an observer; vectors of a plan of commands."""
+"""Place of an observer's mean squared error, after angle, velocity and unexplained
+torque of the rotor; size of an observer; number of vectors in a plan of commands."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Tuning(DriveGains):
 
 
 TUNING = parameters_of(Tuning)
-"""Numbers of a tuning, in order; the spring of the cables is behind them."""
+"""Numbers of a tuning, in order; the spring of the cables follows."""
 RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
 (
     DAMPING, SPAN, TOLERANCE, TURNING, NOISE, BELIEF, LEARNING, ZEROING,
@@ -155,7 +155,7 @@ RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
 
 
 class Tables(NamedTuple):
-    """Tables of the plans, for every delay."""
+    """Gains and weights of plans, for every delay."""
 
     # Accelerations of a plan per angle, velocity and wanted angles of the motor.
     gains: FloatCube  # (delays, knots, 2 + knots)
@@ -164,9 +164,9 @@ class Tables(NamedTuple):
 
 
 class Planner(NamedTuple):
-    """A planning controller of one device: what it keeps, its tables and its scratch.
+    """All numbers of a planning controller for one device: memory, tables and scratch.
 
-    States are (cables, numbers).
+    States of the cables are (cables, numbers).
     """
 
     cables: stepper.Cables  # the model; with bristles while these are in use

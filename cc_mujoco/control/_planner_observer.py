@@ -1,10 +1,10 @@
 """Observer of a planning controller: cables, rotor and motion when they were measured.
 
-The torque that explains the measured motion of the rotor reveals the delay: there is an
-observer of the rotor for every possible delay, and the one with the least error is
-used. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
-Trans. Automatic Control 10, 1965. Friction and the bias of the torque sensor are
-learned from the torque on the rotor that the model lacks.
+There is an observer of the rotor for every possible delay of the measurements. The one
+that best predicts the measured angle of the rotor is used (D. Magill, "Optimal adaptive
+estimation of sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965).
+Friction and the bias of the torque sensor are learned from the torque on the rotor that
+the model does not explain.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MODEL_MEMORY = 0.3  # time over which the errors of both models are compared [s
 
 @internal
 def replace_by_mean_torque(planner: Planner) -> None:
-    """Replace the newest command in `applied` by the resulting mean torque."""
+    """Replace the last command in `applied` by the mean torque of a motor that lags."""
     memory, applied, tune = planner.memory, planner.applied, planner.tune
     command, lag, dt = applied[applied.size - 1], tune[at.LAG], tune[at.PERIOD]
     behind = memory[at.MOTOR_TORQUE] - command
@@ -46,7 +46,10 @@ def replace_by_mean_torque(planner: Planner) -> None:
 
 @internal
 def _smooth(memory: FloatArray, first: int, seen: float, tune: FloatArray) -> None:
-    """Correct value, rate and acceleration (per step) by the reading one step later."""
+    """Update value, rate and acceleration (per step) by the reading one step later.
+
+    They are three numbers of the memory from `first` on.
+    """
     memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
     memory[first + 1] += memory[first + 2]
     off = seen - memory[first]
@@ -57,10 +60,7 @@ def _smooth(memory: FloatArray, first: int, seen: float, tune: FloatArray) -> No
 
 @internal
 def _reset(planner: Planner, seen: FloatArray) -> None:
-    """Reset the memory, with motor and joint at rest at their measured angles.
-
-    The guard is reset before.
-    """
+    """Reset the memory except the guard, at rest at the measured angles `seen`."""
     memory, motor = planner.memory, seen[guard.MOTOR]
     memory[: at.GUARD] = 0.0
     memory[at.FRICTION :] = 0.0
@@ -81,8 +81,8 @@ def _reset(planner: Planner, seen: FloatArray) -> None:
 def observe(planner: Planner, seen: FloatArray) -> float:
     """Advance cables, rotor and motion to the measurements; return the joint [rad].
 
-    The angle is that of the model in use for plans, whose bristles the cables then
-    have.
+    The angle is that of the model, with or without bristles, that plans use. The cables
+    keep that model's bristles.
     """
     cables, memory, tune = planner.cables, planner.memory, planner.tune
     if memory[at.STARTED] == 0.0:
@@ -124,7 +124,7 @@ def observe(planner: Planner, seen: FloatArray) -> float:
 
 @internal
 def set_bristles(cables: stepper.Cables, bristles: float) -> None:
-    """Give all cables bristles of a length, as a motion of the joint [rad]."""
+    """Set the bristle length of all cables, given as a motion of the joint [rad]."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
         prm[PLACE.bristle_length] = bristles * abs(cables.distal[k])
@@ -133,7 +133,7 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
 
 @internal
 def _states(planner: Planner, hypothesis: int) -> FloatMatrix:
-    """Return the states of a model: `hypothesis` is 1 with bristles, else 0."""
+    """Return the states of a model; `hypothesis` 1 is that with bristles, 0 without."""
     return planner.other if hypothesis == 1 else planner.state
 
 
@@ -159,11 +159,11 @@ def _explain_rotor(planner: Planner, hypothesis: int, motor: float) -> None:
 
 @internal
 def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
-    """Return whether to plan with the model with bristles.
+    """Return whether plans shall use the model with bristles.
 
-    The variances of the errors at joint and rotor are unknown, so the likelihood of a
-    model falls with the product of both mean squares. A model is replaced only by a
-    margin, and by more than noise.
+    The variances of the errors at joint and rotor are unknown, so a model is the less
+    likely, the larger the product of both mean squared errors. The other model replaces
+    it only if its product is smaller by a margin and by more than noise.
     """
     # Mean squared errors below 1 % of the squared significant torque do not count.
     floor = 0.01 * tune[at.NOISE] * tune[at.NOISE]
@@ -185,9 +185,9 @@ def _follow(
 ) -> float:
     """Advance the cables of a model to the measurements; return its joint [rad].
 
-    `joint` is the angle of the joint after the step [rad], for `hypothesis` see
-    `_states`; angle of the motor [rad] and torque, without its bias [N m], are
-    measured. The memory gets the error of the torque.
+    `joint` is the angle of the joint after the step without correction [rad],
+    `hypothesis` as in `_states`; `motor` [rad] and `torque`, without its bias [N m],
+    are measured. The error of the predicted torque is stored in the memory.
     """
     cables, memory, tune = planner.cables, planner.memory, planner.tune
     state, new, dt = _states(planner, hypothesis), planner.new, tune[at.PERIOD]
@@ -221,11 +221,12 @@ def _follow(
 def _find_joint_angle(
     planner: Planner, state: FloatMatrix, motor: float, start: float, torque: float
 ) -> float:
-    """Find the joint angle [rad] at which the cables make a torque, and move there.
+    """Find the joint angle [rad] at which the cables make a torque [N m].
 
-    The torque falls as the joint turns: bracket from the guess `start` [rad], then
-    regula falsi (`root`), to a tolerance far inside the noise. The motor has its angle
-    after the step [rad].
+    The torque falls as the joint turns: the angle is bracketed from the guess `start`
+    [rad], then found by regula falsi (`root`), to a tolerance far below the noise.
+    `motor` is the motor angle after the step [rad]. The states there are `new` of
+    `planner`.
     """
     cables, tune, new = planner.cables, planner.tune, planner.new
     bracket, beyond, reach = root.UNKNOWN, 0.0, 0.0
@@ -249,7 +250,7 @@ def _find_joint_angle(
 
 @internal
 def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
-    """Advance the observers of the rotor and choose the delay that explains it best."""
+    """Advance the observers of the rotor; choose the delay whose one errs least."""
     memory, rotors, applied = planner.memory, planner.rotors, planner.applied
     believed, best, errors = int(memory[at.BELIEVED_DELAY]), 0, at.OBSERVER_ERROR
     # The gain is the same for all, or the quickest would win.
@@ -269,16 +270,17 @@ def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
 
 @internal
 def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> float:
-    """Return the shift of the joint of a single cable's model [rad].
+    """Return the shift of the joint of a single cable's model in this step [rad].
 
-    Drag maintains a pull that no paying out ends. A model without that drag would be
-    shifted for as long, and its motor would pay out cable without an end. So while the
-    cable pulls more than desired, the shift is at most the stretch by that pull and the
-    angle that the motor takes up in half of the horizon.
+    Drag can keep a cable pulling however much cable is paid out. A model without that
+    drag would be shifted as long as it does, and its motor would pay out cable
+    endlessly. So while the cable pulls more than desired, the total shift is at most
+    the stretch by that pull plus the angle that the motor can take up in half of the
+    horizon.
 
-    `wanted` is the shift by the torque sensor, above 0 where the cable is to pull more
-    [rad], `pull` the measured torque in the direction in which the cable pulls [N m];
-    for `hypothesis` see `_states`.
+    `wanted` is the shift that the torque sensor demands [rad], positive for more pull;
+    `pull` is the measured torque in the cable's direction [N m]; `hypothesis` as in
+    `_states`.
     """
     memory, tune = planner.memory, planner.tune
     now, taut = at.JOINT_SHIFT + 2 * hypothesis, at.TAUT_SHIFT + 2 * hypothesis
@@ -300,7 +302,10 @@ def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> flo
 def _update_observer(
     rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
 ) -> None:
-    """Advance an observer of the rotor by one step, with the measured angle."""
+    """Advance an observer of the rotor by one step, with the measured angle [rad].
+
+    `force` is the torque on the rotor [N m], `unexplained` the gain of its error.
+    """
     dt, inertia = tune[at.PERIOD], tune[at.INERTIA]
     force += rotor[at.DISTURBANCE] - tune[at.DAMPING] * rotor[at.VELOCITY]
     gained = dt * force / inertia
@@ -316,12 +321,13 @@ def _update_observer(
 
 @internal
 def learn(planner: Planner, state: FloatMatrix) -> None:
-    """Adapt friction and bias to the torque on the rotor that the model lacks.
+    """Adapt friction and bias to the torque on the rotor that the model leaves.
 
-    While all segments slip, the load grows with the logarithm of friction by r T mu phi
-    of every cable, with the tension T at the motor, whose sign is that of the slip; and
-    by the bias of the torque sensor, over the ratio, whatever the slip. Friction takes
-    the step of a normalised gradient, the bias its share by the two variances.
+    While all segments slip, the motor's load changes with the logarithm of the friction
+    of each cable by r T mu phi, with the tension T at the motor and the sign of the
+    slip. With the bias of the torque sensor it changes by the bias over the ratio,
+    whatever the slip. Friction takes a step of the normalised gradient, the bias a
+    share by both variances.
     """
     cables, memory, tune = planner.cables, planner.memory, planner.tune
     sensitivity = 0.0

@@ -1,17 +1,17 @@
 """Steps of `predictive` and `adaptive`: `_planning` on the memory of the caller.
 
-`shape` goes on behind that of `_law_steps` by the number of delays that may be, and of
-the knots of a plan. `tables` are the gains of the plans, those of the unexplained
-torque and the weights of accelerations, for every delay. The memory also keeps the
-parameters of the cables, because they are packed anew whenever their friction is found
-to be another. Parameters that are given between two steps are packed in the next one,
-with the friction that was learned.
+`shape` is that of `_law_steps`, then the number of possible delays and that of the
+knots of a plan. `tables` are the gains of the plans, those of the unexplained torque
+and the weights of accelerations, for every delay. The memory also keeps the parameters
+of the cables, because they are packed anew whenever the estimate of their friction
+changes. Parameters that are given between two steps are packed in the next one, with
+the friction that was learned.
 
-`shape` of `adaptive` goes on by the number of sensors along a cable, then their nodes,
-of every cable. Its `readings` end with the tensions, `parameters` with the standard
-deviations of the sensors and `tables` with the share of what is known that a reading
-takes away. Behind that of `predictive` its memory keeps for how many steps no reading
-was taken, scratch, and what is known of the friction of every cable.
+For `adaptive`, `shape` continues with the number of sensors along a cable, then their
+nodes, of every cable. Its `readings` end with the tensions, `parameters` with the
+standard deviations of the sensors and `tables` with the share of information that fades
+with a reading. The memory continues with the number of steps since the last reading,
+scratch, and the friction estimate of every cable.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ def _sensor_count(shape: IntArray) -> int:
 
 @compiled
 def places(shape: IntArray) -> tuple[int, int, int]:
-    """Return places in the memory; the last command stands before the first of them.
+    """Return two indices in the memory, and its size.
 
-    They are those of the parameters behind the tuning and of the states of the cables,
-    and how many numbers there are.
+    The indices are those of the parameters after the tuning, which follow the last
+    command, and of the states of the cables.
     """
     cables, most, sensors = shape[0], longest_cable(shape), _sensor_count(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
@@ -107,7 +107,7 @@ def places(shape: IntArray) -> tuple[int, int, int]:
 
 @internal
 def _planner(data: LawData) -> Planner:
-    """Return the parts of the memory and of the tables."""
+    """Return views of the memory and of the tables, as a `Planner`."""
     memory, shape, tables = data.memory, data.sizes, data.tables
     cables, most = shape[0], longest_cable(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
@@ -153,7 +153,7 @@ def _planner(data: LawData) -> Planner:
 
 @compiled
 def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Take the tuning, the cables and the deviations of the sensors."""
+    """Store tuning, cables and standard deviations of the sensors in the memory."""
     given, _, _ = places(shape)
     memory[_TUNING:_SPRING] = parameters[:STIFFNESS]
     memory[given : given + parameters.size - STIFFNESS] = parameters[STIFFNESS:]
@@ -172,7 +172,7 @@ def step_plan(data: LawData) -> float:
 
 @internal
 def _planned(planner: Planner, data: LawData) -> float:
-    """Return the motor torque of the next step [N m], with the friction as found."""
+    """Return the motor torque of the next step [N m], with the friction estimates."""
     memory, shape, readings = data.memory, data.sizes, data.readings
     cables, is_fresh = planner.cables, memory[law_steps.FIRST_STEP] != 0.0
     factors, given = planner.friction[0], planner.given
@@ -222,9 +222,9 @@ def _learn_friction(
 ) -> None:
     """Update the estimates `known` (cables, `ESTIMATE_SIZE`) by the readings of a step.
 
-    Readings are tensions (cables, sensors) [N], whose equations are those of
-    `estimation._tension_slope`; the scratch has 4 sensors + 2 numbers and the segments
-    of the longest cable.
+    The readings are tensions (cables, sensors) [N], whose equations are those of
+    `estimation._tension_slope`. `scratch` has 4 sensors + 2 numbers and the segments of
+    the longest cable.
     """
     cables, m = planner.cables, taps.noise.shape[1]
     design, rows = rows_of(scratch, 0, m, 1), rows_of(scratch, m, m, 1)

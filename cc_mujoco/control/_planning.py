@@ -1,11 +1,11 @@
-"""Present torque of the motor from delayed measurements: observer, plan, torque.
+"""Motor torque of a planning controller: observer, prediction over the delay, plan.
 
 Observers and prediction work on the mean torque of every step. A motor whose torque
 lags follows its command by lag dtau/dt + tau = command. The plan is that of a motor
-without lag, and the command leads its torque. Where the rate of the command is too
-limited for that, the plan minimises a cost of commands over increments within the
-limit: D. Bertsekas, "Projected Newton methods for optimization problems with simple
-constraints", SIAM J. Control and Optimization 20, 1982.
+without lag, and the command leads its torque. If the rate of the command is too limited
+for that, the plan minimises a cost of commands over increments within the limit: D.
+Bertsekas, "Projected Newton methods for optimization problems with simple constraints",
+SIAM J. Control and Optimization 20, 1982.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ class _Deviations(NamedTuple):
 
 @internal
 def command_for_torque(before: float, wanted: float, tune: FloatArray) -> float:
-    """Return the command for which a motor that lags has a mean torque [N m].
+    """Return the command that gives a motor with lag a mean torque `wanted` [N m].
 
-    The mean is over the time between two knots, although the next step gives another
-    command: to compensate the lag within a step would swing from step to step, and
-    multiply the noise. `before` is the present torque of the motor, `wanted` the mean
-    torque [N m].
+    The mean is over the time between two knots of the plan, although the next step
+    gives another command: full compensation of the lag within a step would oscillate
+    from step to step and amplify noise. `before` is the present torque of the motor [N
+    m].
     """
     lag, span = tune[at.LAG], tune[at.SPAN]
     if lag == 0.0:
@@ -66,7 +66,10 @@ def command_for_torque(before: float, wanted: float, tune: FloatArray) -> float:
 
 @internal
 def is_within(planner: Planner, push: FloatArray, load: float) -> bool:
-    """Return whether the rate of the command lets the motor follow a plan."""
+    """Return whether the motor can follow a plan within the rate limit of its command.
+
+    `push` are its accelerations [rad/s^2], `load` is the cables' torque now [N m].
+    """
     tune, ahead, path = planner.tune, planner.ahead, planner.path
     last, lasting, before = ahead[at.ANGLE], load, ahead[at.COMMAND]
     torque = ahead[at.MOTOR_TORQUE]
@@ -86,9 +89,10 @@ def is_within(planner: Planner, push: FloatArray, load: float) -> bool:
 def _motor_response(
     motor: _Motor, command: float, load: float, tune: FloatArray
 ) -> _Motor:
-    """Return the motor a knot on.
+    """Return the motor one knot later, for a constant command [N m].
 
-    Against it act `load` and the stretch of all of the cables by its mean angle.
+    The torques against it are `load` [N m] and, by its mean angle, that of all cables
+    as a spring.
     """
     span, lag = tune[at.SPAN], tune[at.LAG]
     spring = tune[at.STIFFNESS] / tune[at.RATIO] ** 2
@@ -106,16 +110,16 @@ def _motor_response(
 
 @internal
 def optimise_commands(planner: Planner, push: FloatArray, load: float) -> None:
-    """Replace a plan by the best of a motor that lags, or whose command is limited.
+    """Replace a plan by the best for a motor with lag or a limited rate of command.
 
     Commands are constant between two knots. They minimise sum (angle - wanted)^2 +
     weight ((command - holding) / inertia)^2, where `holding` is the torque that holds
-    the motor on the wanted path; their increments are within the limit of the rate. The
-    load is linear around that on the path of `push`: its slope is that of cables that
-    stretch as a whole, since the steep slope of their ends does not last.
+    the motor on the wanted path; their increments are within the rate limit. The load
+    is linearised about the path of `push`: its slope is that of cables that stretch as
+    a whole, since the steep slope of their ends does not last.
 
-    `push` has accelerations (knots,) [rad/s^2], then the first command [N m], in and
-    out; `load` is the torque of the cables at the motor at the start [N m].
+    `push` has accelerations (knots,) [rad/s^2], then the first command [N m], and is
+    replaced; `load` is the torque of the cables at the motor at the start [N m].
     """
     tune, ahead, path = planner.tune, planner.ahead, planner.path
     n, span, inertia = path.size, tune[at.SPAN], tune[at.INERTIA]
@@ -197,7 +201,7 @@ def _cost(off: _Deviations, x: FloatArray, slope: FloatArray) -> float:
 def _newton_step(
     off: _Deviations, free: FloatArray, matrix: FloatMatrix, move: FloatArray
 ) -> None:
-    """Solve for the Newton step of the free increments."""
+    """Replace the gradient `move` by the Newton step of the `free` increments."""
     n = free.size
     for k in range(n):
         for m in range(k + 1):
@@ -210,7 +214,10 @@ def _newton_step(
 
 @internal
 def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
-    """Advance the scratch over applied torques; return the model's joint angle."""
+    """Advance `ahead` and `present` of `planner` over past torques `applied` [N m].
+
+    `joint` and the result are the model's joint angle before and after [rad].
+    """
     cables, state, new = planner.cables, planner.present, planner.new
     tune, ahead, dt = planner.tune, planner.ahead, planner.tune[at.PERIOD]
     for k in range(applied.size):
@@ -229,11 +236,11 @@ def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
 
 @internal
 def _anticipate_joint(memory: FloatArray, tune: FloatArray) -> None:
-    """Predict the motion of the joint under the torque that it lacks.
+    """Adjust the predicted motion of the joint and its desired torque, in `memory`.
 
-    Otherwise a joint that a lack of torque slows down would seem to reverse. From the
-    desired torque that of a damper is subtracted, which dissipates the surplus energy
-    of the joint.
+    A joint that has less torque than desired slows down; without a prediction of its
+    recovery it would seem to reverse. The torque of a damper is subtracted from the
+    desired one, which dissipates the surplus energy of the joint.
     """
     lacking = memory[at.DESIRED_TORQUE] - memory[at.FILTERED_TORQUE]
     sure = max(abs(lacking) - tune[at.NOISE], 0.0) * np.sign(lacking)
@@ -248,7 +255,7 @@ def _anticipate_joint(memory: FloatArray, tune: FloatArray) -> None:
 
 @internal
 def _extrapolated(ahead: FloatArray, joint: float, t: float) -> tuple[float, float]:
-    """Return the angle of the joint [rad] and its desired torque [N m] `t` steps on."""
+    """Return the joint's angle [rad] and its desired torque [N m] after `t` steps."""
     where = joint + ahead[at.JOINT + 1] * t + 0.5 * ahead[at.JOINT + 2] * t * t
     return where, ahead[at.DESIRED_TORQUE] + ahead[at.DESIRED_TORQUE + 1] * t
 
@@ -257,13 +264,13 @@ def _extrapolated(ahead: FloatArray, joint: float, t: float) -> tuple[float, flo
 def _plan(
     planner: Planner, joint: float, sense: float, caution: float, push: FloatArray
 ) -> float:
-    """Plan accelerations `push` of a motor that turns one way only [rad/s^2].
+    """Plan accelerations `push` [rad/s^2] of a motor that turns only in `sense`.
 
-    Behind them is the first command, where the rate of the command is limited too much.
-    `caution` is the initial deficit of the torque [N m]. Return the mean squared error
-    of the torque over the horizon, half of it on the planned path and half on the
-    wanted one, which a long way does not delay [N m^2]; infinite where it might exceed
-    the allowed iterations.
+    They are followed by the first command [N m] if the rate of the command is too
+    limited, else NaN. `caution` is the initial deficit of the torque [N m]. Return the
+    mean squared error of the torque over the horizon [N m^2], half of it on the planned
+    path and half on the wanted one, which no travel of the motor delays. It is infinite
+    if the plan might exceed the allowed iterations.
     """
     cables, tune, ahead, new = planner.cables, planner.tune, planner.ahead, planner.new
     gains = planner.tables.gains[int(ahead[at.BELIEVED_DELAY])]
@@ -317,9 +324,9 @@ def _plan(
 def _simulate_plan(
     planner: Planner, joint: float, caution: float, cost: float, push: FloatArray
 ) -> float:
-    """Return a cost and the squared errors of the torque of a plan [N m^2].
+    """Return `cost` plus the squared torque errors of a plan `push` [N m^2].
 
-    The scratch gets the path of the motor and the load on it.
+    `path` and `load` of `planner` get the path of the motor and the load on it.
     """
     cables, tune, ahead, new = planner.cables, planner.tune, planner.ahead, planner.new
     count, span = planner.path.size, tune[at.SPAN]
@@ -346,9 +353,9 @@ def _simulate_plan(
 
 @internal
 def motor_torque(planner: Planner, seen: FloatArray) -> float:
-    """Return the torque of the motor of one device [N m].
+    """Return the motor torque of one device, by measurements `seen` [N m].
 
-    `seen` begins with motor angle, joint angle, joint torque and desired torque.
+    These are motor angle, joint angle [rad], joint torque and desired torque [N m].
     """
     cables, tune, own = planner.cables, planner.tune, planner.memory
     applied, ahead, dt = planner.applied, planner.ahead, planner.tune[at.PERIOD]

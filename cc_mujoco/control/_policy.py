@@ -55,18 +55,19 @@ POLICY_METADATA_KEY = "cc_mujoco"
 """Key of the JSON in the metadata of a file."""
 
 RELEASE, WHOLE, GAINS = range(guard.LIMITS, guard.LIMITS + 3)
-"""Places of the gains behind `DriveLimits`, and their number: damping of a motor that
-is let go [N m s/rad], torque of the motor at a share of 1 [N m]."""
+"""Places of gains after `DriveLimits`, and their number: damping of a released motor
+[N m s/rad], torque of the motor at a share of 1 [N m].
+"""
 
 
 class PolicyAxis:
     """An axis that a policy drives, its observations and its guard."""
 
     def __init__(self, drive: Drive, observed: Observed, whole: float) -> None:
-        """Prepare, with the torque of the motor at a share of 1 [N m].
+        """Prepare; `whole` is the torque of the motor at a share of 1 [N m].
 
-        A task that commands an angle says nothing of torques, so the guard of its
-        policy only bridges missing readings.
+        If the task commands an angle, it defines no safe torque, and the guard of the
+        policy only replaces missing readings.
         """
         self.drive, self.observed = drive, observed
         self.is_wound = drive.lever or bool(drive.crossed)
@@ -87,7 +88,7 @@ class PolicyAxis:
         self.begin(0)
 
     def begin(self, count: int) -> None:
-        """Make room for a number of environments."""
+        """Allocate observations and guard for a number of environments."""
         self.history = ObservationHistory(self.observed, count)
         self.memory: FloatArray = np.zeros((count, guard.MEMORY_SIZE))
 
@@ -102,10 +103,10 @@ class PolicyAxis:
 
 
 class Policy(Controller):
-    """A policy of a file, fed as in the environment of its training, with the guard.
+    """Policy from a file, with the observations of its training, and a guard.
 
     Each axis has the guard of the other controllers, see `_guard`. It replaces readings
-    before the policy observes them. While it lets a joint go the policy goes on, and
+    before the policy observes them. While it releases a joint, the policy continues and
     observes its own actions as if they were taken.
     """
 
@@ -143,7 +144,7 @@ class Policy(Controller):
 
     @property
     def limits(self) -> guard.DriveLimits:
-        """Limits that the guard of the first axis knows."""
+        """Limits of motor and joint in the guard of the first axis."""
         return self.axes[0].limits
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -156,7 +157,7 @@ class Policy(Controller):
                 axis.memory[where] = 0.0
 
     def _begin(self, count: int) -> None:
-        """Make room for a number of environments, all before their first sample."""
+        """Allocate all state for a number of environments before their first sample."""
         self._fresh = np.ones(count, dtype=np.bool_)
         self._samples = np.zeros(count, dtype=np.intp)
         self._shares = np.zeros((count, len(self.axes)))
@@ -171,9 +172,9 @@ class Policy(Controller):
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
 
-        Of several axes that of every motor, (..., axes). Where no guard looks, a
-        reading that is no number, or beyond `guard.MAX_READING`, gives no torque and
-        changes nothing.
+        With several axes it is that of every motor, (..., axes). An environment with an
+        unguarded reading that is no number, or beyond `guard.MAX_READING`, gets no
+        torque, and its state does not change.
         """
         prefixes = self._prefixes
         seen = [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
@@ -206,7 +207,11 @@ class Policy(Controller):
     def _decide(
         self, measured: Sequence[Array], rows: NDArray[np.intp], started: Any
     ) -> None:
-        """Compute the actions that are due from the measurements, by axis (n, k)."""
+        """Update the actions of environments whose samples are due.
+
+        `measured` has the readings of each axis (n, columns), `rows` the environments
+        that were read, and `started` is a mask (n,) of those with a complete reading.
+        """
         begins = self._fresh & started
         for axis, own in zip(self.axes, measured, strict=True):
             axis.history.add(own[rows], rows)
@@ -228,10 +233,10 @@ class Policy(Controller):
 def admit_measured(
     own: guard.Guarded, measured: FloatArray, winding: FloatArray
 ) -> None:
-    """Have the guard check the measurements, and replace them where needed.
+    """Let the guard check the measurements, and replace them if needed.
 
-    `measured` are the readings of the policy, `guard.READINGS` first, changed;
-    `winding` are `device.WINDING_COLUMNS`, or nothing of a round pulley.
+    `measured` are the readings of the policy, `guard.READINGS` first, and is changed;
+    `winding` are `device.WINDING_COLUMNS`, or nothing for a round pulley.
     """
     seen = own.memory[guard.SEEN : guard.SEEN + guard.READINGS]
     seen[:] = measured[: guard.READINGS]
@@ -278,7 +283,7 @@ def _torques(
 
 
 def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:
-    """Return the observations of the drive; refuse another device or sampling."""
+    """Return the drive's observations; refuse a policy of another device or period."""
     own = drive.observed
     if own is None:
         raise CableError(
@@ -363,7 +368,7 @@ def read_policy(path: str | os.PathLike[str]) -> tuple[Network, tuple[Observed, 
 
 
 def _require_fit(network: Network, observed: Sequence[Observed]) -> None:
-    """Refuse a network for other numbers than are observed, or other motors."""
+    """Raise a `CableError` if a network's inputs or motors are not those observed."""
     size = sum(own.space.shape[0] for own in observed)
     if network.mean.size != size:
         raise CableError(

@@ -1,4 +1,4 @@
-r"""Position control: a motor angle for the desired joint angle, and a servo.
+"""Position control: a motor angle for the desired joint angle, and a servo.
 
     law = controller("none", drive)               # of a drive that commands an angle
     law.torque({"reference_angle_rad": 0.2, "motor_angle_rad": 0.0,
@@ -7,16 +7,16 @@ r"""Position control: a motor angle for the desired joint angle, and a servo.
     found = fit_hysteresis(HysteresisTrial.of(motor, joint, drive.ratio), drive)
     law = controller("backlash_inverse", replace(drive, hysteresis=found))
 
-A law maps the desired course of the joint to a course of the motor; that map may
+A law maps desired joint angles to motor angles, in order of time; that map may
 compensate friction and stretch of the cable. The servo reads the encoder of the motor
 alone, as that of an endoscope does.
 
 `cable_inverse` inverts the model of distributed friction: the kernel of the package
 (`cable._stepper`) with a spring at the joint. At a joint angle the spring defines the
 torque of the cables, and the motor turns to the nearest angle at which they make it.
-Partial motion, and a backlash that grows with the load, come with the friction. Angles
-alone determine no force: a spring, a rope and a pretension that are all twice as strong
-move alike. So the axial stiffness stays that of the data sheet.
+Partial motion, and a backlash that grows with the load, follow from the friction.
+Angles alone determine no force: a spring, a rope and a pretension that are all twice as
+strong move alike. So the axial stiffness stays that of the data sheet.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.errors import CableError, look_up
 
 FITTED = (*MODELS, "cable_inverse")
-"""Controllers with parameters of a trial."""
+"""Controllers whose parameters are fitted to a trial."""
 BANDWIDTH = 150.0  # bandwidth of the servo without delay [rad/s]
 
 
@@ -58,12 +58,13 @@ class PositionController(Controller):
     \[ \tau_m = J \omega^2 \Bigl( e + \tfrac{\omega}{5} \int e \, dt \Bigr)
        + 2 J \omega \, \dot e, \qquad e = \theta^* - \theta_m \]
 
-    with the motor's inertia J, the bandwidth \(\omega\), lower where measurements are
-    late, and the motor angle \(\theta^*\) of the law, both relative to the start. A law
-    jumps where the joint reverses; the part that needs more than a quarter of the
-    motor's torque is covered as the servo settles, so that the motor does not
-    overshoot. The integral stops where the motor is at its limit. The joint angle at
-    the start is measured or, without a sensor there, its neutral angle.
+    with the motor's inertia J, the bandwidth \(\omega\), lower if measurements are
+    delayed, and the motor angle \(\theta^*\) of the law, both angles relative to the
+    start. The law jumps at a reversal of the joint; the part that would need more than
+    a quarter of the motor's torque decays with the time constant of the servo, so that
+    the motor does not overshoot. The integral stops while the motor is at its limit.
+    The joint angle at the start is measured or, without a sensor there, its neutral
+    angle.
     """
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
@@ -96,7 +97,7 @@ class PositionController(Controller):
 
     @abstractmethod
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        """Begin an episode of the environments `rows` of `count`, at rest."""
+        """Begin an episode, at rest, in the environments `rows` out of `count`."""
 
     @abstractmethod
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
@@ -128,10 +129,10 @@ class PositionController(Controller):
         return float(given[0]) if np.ndim(observation[REFERENCE_COLUMN]) == 0 else given
 
     def _servo(self, wanted: Array, angle: Array, velocity: Array) -> Array:
-        """Return the torques of the motor (n,) [N m].
+        """Return the motor torques (n,) [N m] for motor angles `wanted` (n,) [rad].
 
-        `wanted` are angles of the law, `angle` measured angles from the start (n,)
-        [rad].
+        `angle` [rad] and `velocity` [rad/s] (n,) are measured, the angle from the
+        start.
         """
         period, omega, inertia = self.drive.period, self.bandwidth, self.drive.inertia
         before, rate, left, leaving, total = self._memory
@@ -163,7 +164,7 @@ class IdealRatio(PositionController):
         """Do nothing; see `PositionController.begin`."""
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        """Return ratio times joint angle [rad]."""
+        """Return the ratio times the joint angle (n,) [rad]."""
         return self.drive.ratio * joint
 
 
@@ -172,8 +173,8 @@ def fit_hysteresis(
 ) -> dict[str, dict[str, Any]]:
     """Fit the models of position controllers, names of `FITTED`, to a trial.
 
-    Return parameters by the name of the controller, for `Drive.hysteresis`. Of the
-    device `cable_inverse` needs the cables.
+    Return parameters by the name of the controller, for `Drive.hysteresis`.
+    `cable_inverse` needs the cables of `drive`.
 
     Raises:
         CableError: A name is unknown, or a model cannot be fitted.
@@ -198,7 +199,7 @@ def known_parameters(drive: Drive, name: str) -> Mapping[str, Any]:
 
 
 class HysteresisInverse(PositionController):
-    """Inverse of a model of hysteresis; subclasses name it."""
+    """Inverse of a model of hysteresis, which subclasses name."""
 
     model_name: ClassVar[str]  # one of `FITTED`
 
@@ -213,7 +214,7 @@ class HysteresisInverse(PositionController):
         self._state = self.model.rest(0)
 
     def model_of(self, drive: Drive) -> Any:
-        """Return the model, with `rest` and `invert` as of `HysteresisModel`."""
+        """Return the model, with methods `rest` and `invert` as a `HysteresisModel`."""
         name = self.model_name
         return MODELS[name].from_dict(name, known_parameters(drive, name))
 
@@ -252,7 +253,7 @@ class BoucWenFeedForward(HysteresisInverse):
 
 @dataclass(frozen=True)
 class CableParameters:
-    """Parameters of the cables and of the joint's spring, identified from a trial."""
+    """Friction and pretension over the data sheet, and joint spring, of a trial."""
 
     friction: float  # friction coefficient over that of the data sheet [-]
     pretension: float  # pretension over that of the data sheet [-]
@@ -265,12 +266,12 @@ class CableParameters:
 
 
 class CableCourse:
-    """Cables and a spring along a course of the joint, from rest."""
+    """Cables and a joint spring that are moved from rest along joint angles."""
 
     def __init__(
         self, cables: Sequence[CableDrive], parameters: CableParameters
     ) -> None:
-        """Prepare at rest; `cables` are those of the data sheet."""
+        """Prepare at rest; `cables` have the values of the data sheet."""
         own = []
         for one in cables:
             cable = one.cable.replace(
@@ -290,10 +291,10 @@ class CableCourse:
 
     @exclusive
     def advance(self, joint: float) -> float:
-        """Return the motor angle, over the ratio, for the next joint angle [rad].
+        """Return the motor angle over the ratio for the next joint angle [rad].
 
-        It is the nearest in the direction of the joint's motion at which the cables
-        make the torque of the spring, so the motor rests where they already make more.
+        It is the nearest, in the direction of the joint's motion, at which the cables
+        make the torque of the spring. If they already make more, the motor rests.
         """
         from scipy.optimize import brentq
 
@@ -334,13 +335,13 @@ class CableCourse:
 def course_of(
     cables: Sequence[CableDrive], parameters: CableParameters, joint: Array
 ) -> Array:
-    """Return the course of the motor, over the ratio, for one of the joint [rad]."""
+    """Return motor angles over the ratio [rad] for successive joint angles (n,)."""
     course = CableCourse(cables, parameters)
     return np.array([course.advance(float(angle)) for angle in joint])
 
 
 def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
-    """Return friction, pretension and spring of least squares, from a slow course."""
+    """Return the `CableParameters` that fit a trial with least squares."""
     from scipy.optimize import least_squares
 
     require_cables(drive)
@@ -374,7 +375,10 @@ def require_cables(drive: Drive) -> None:
 
 
 class _CableCourses:
-    """Model of the cables as a `HysteresisModel`: its state is a course for each."""
+    """Model of the cables with the methods of a `HysteresisModel`.
+
+    Its state is a `CableCourse` for each environment.
+    """
 
     def __init__(self, drive: Drive, parameters: CableParameters) -> None:
         self._cables, self._parameters = drive.cables, parameters
@@ -408,8 +412,8 @@ class CableInverse(HysteresisInverse):
 class DistalFeedback(HysteresisInverse):
     """Inverse of a smooth backlash, and integral feedback of the measured joint angle.
 
-    Without parameters of the backlash the ideal ratio is fed forward. It needs a sensor
-    that an endoscope does not have.
+    Without fitted parameters the inverse is the ideal ratio. It needs a joint sensor,
+    which an endoscope does not have.
     """
 
     model_name = "backlash_inverse"

@@ -286,7 +286,7 @@ class PredictiveCompensation(SteppedController):
 
     @staticmethod
     def _laid_out(shape: tuple[int, ...], numbers: tuple[float, ...]) -> LawTables:
-        """Return the tables with the places in a memory of this shape."""
+        """Return `LawTables` with the indices in the memory for a shape."""
         given, states, size = planner_steps.places(np.array(shape, np.int64))
         guarded = planner_steps.LAW + planner_memory.GUARD + guard.COMMAND
         return LawTables(shape, numbers, size, (given - 1, guarded), states)
@@ -297,10 +297,10 @@ class PredictiveCompensation(SteppedController):
             self._angles = np.zeros((0, 0))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
-        """Set another path of the conduits in the model, until all are reset.
+        """Set another path of the conduits in the model, until all rows are reset.
 
-        It is given by the wrap angles of the segments of every cable (segments,) [rad].
-        The length of the path stays; friction is scaled as it was.
+        `angles` are the wrap angles of the segments of every cable (segments,) [rad].
+        The length of the path stays, and so does the factor of friction.
 
         Raises:
             CableError: other shapes, or an angle that is negative or not finite.
@@ -326,7 +326,7 @@ class PredictiveCompensation(SteppedController):
         return self._bent(super().fresh_memory())
 
     def _bent(self, memory: FloatArray) -> FloatArray:
-        """Return the memory of an environment, with the path of `rebend` if any."""
+        """Return the memory of an environment with the path of `rebend`, if any."""
         if not self._angles.size:
             return memory
         bent = [*memory[: self.law_tables().size], 1.0, *self._angles.ravel()]
@@ -335,12 +335,12 @@ class PredictiveCompensation(SteppedController):
 
 
 def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:
-    """Return the accelerations of the best plan of a double integrator.
+    """Return the gains of the optimal accelerations of a double integrator.
 
-    They are the accelerations before every knot per angle, velocity and wanted angle at
-    every knot (knots, 2 + knots), to be multiplied by them and added up. The knots are
-    `span` apart [s]; the bandwidth is the square root of the weight of angle to
-    acceleration [rad/s].
+    Row i (knots, 2 + knots) multiplies angle [rad], velocity [rad/s] and the wanted
+    angles at all knots [rad], and the sum is the acceleration before knot i [rad/s^2].
+    Knots are `span` apart [s]; `bandwidth` [rad/s] weights squared accelerations by its
+    power -4.
     """
     after = np.arange(1, knots + 1)
     free = np.stack([np.ones(knots), after * span], axis=1)
@@ -353,9 +353,9 @@ def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:
 def filter_gains(rate: float) -> tuple[float, float, float]:
     """Return the gains of a third-order filter with all poles at exp(-rate), per step.
 
-    R. Benedict, G. Bordner, "Synthesis of an optimal set of radar track-while-scan
-    smoothing equations", IRE Trans. Automatic Control 7, 1962, for a constant
-    acceleration.
+    They are those of value, rate and acceleration: R. Benedict, G. Bordner, "Synthesis
+    of an optimal set of radar track-while-scan smoothing equations", IRE Trans.
+    Automatic Control 7, 1962, for a constant acceleration.
     """
     pole = math.exp(-rate)
     gone = 1.0 - pole

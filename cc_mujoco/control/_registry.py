@@ -1,4 +1,4 @@
-"""All controllers by name, of a drive, of a device and of many devices.
+"""Controllers by name, for a drive, for a device and for many devices.
 
     law = controller("lqg", "wrist")
     law = controller("my_module:my_function", env.unwrapped.drive)
@@ -86,7 +86,7 @@ OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"  # of the own cable where d
 
 
 class _Readings(dict[str, Any]):
-    """Measurements, whose error for a misspelt name lists the names."""
+    """Measurements by name; the error for an unknown name lists all names."""
 
     def __missing__(self, name: str) -> Any:
         error = KeyError(name)
@@ -97,7 +97,7 @@ class _Readings(dict[str, Any]):
 class External(Controller):
     """User function of the measurements, with the motor's limits applied.
 
-    It is made anew, by the function that makes it, before every episode.
+    `make` creates the function anew before every episode.
     """
 
     def __init__(
@@ -106,9 +106,9 @@ class External(Controller):
         make: Callable[[Any], Any],
         name: str = "function",
     ) -> None:
-        """Prepare; `make` of the drive returns a function of the observation.
+        """Prepare; `make(drive)` must return a function of the measurements.
 
-        Of the drives of all axes it returns one of the measurements of all.
+        With the drives of all axes, that function gets the measurements of all axes.
         """
         self._drives = (drive,) if isinstance(drive, Drive) else drive
         super().__init__(self._drives[0])
@@ -145,7 +145,7 @@ class AxesController(Controller):
     """One controller for each axis of a device."""
 
     def __init__(self, laws: Sequence[Controller], prefixes: Sequence[str]) -> None:
-        """Prepare for the first episode: a law and a column prefix for each axis."""
+        """Prepare for the first episode: one law and column prefix for each axis."""
         super().__init__(laws[0].drive)
         self.laws, self._prefixes = tuple(laws), tuple(prefixes)
 
@@ -164,18 +164,18 @@ class AxesController(Controller):
         return np.stack(np.broadcast_arrays(*torques), axis=-1)
 
     def _seen(self, observation: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-        """Return what the controller of each axis reads."""
+        """Return the columns of each axis under plain names."""
         prefixes = self._prefixes
         return [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
 
 
 class DecoupledController(AxesController):
-    """One controller per axis, which receives the torque of its own cable alone."""
+    """One controller per axis, which reads the torque of its own cables alone."""
 
     def __init__(
         self, laws: Sequence[Controller], prefixes: Sequence[str], coupling: Coupling
     ) -> None:
-        """Prepare; the laws of all axes are of the drives of `decoupled_drives`."""
+        """Prepare; the laws must have the drives of `decoupled_drives`."""
         super().__init__(laws, prefixes)
         self._coupling = coupling
 
@@ -243,7 +243,7 @@ class PlantsController(Controller):
 def controller(
     name: str | Callable[[Drive], Any], drive: Drive | Plant | Nominal | str | Path
 ) -> Controller:
-    """Make a controller, reset; of a device with several axes as `axes_controller`.
+    """Make a controller, ready for an episode; for several axes as `axes_controller`.
 
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
@@ -254,8 +254,8 @@ def controller(
 
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
-            Or if it commands what the task does not ask for, or needs a sensor at the
-            joint that the device does not have.
+            Or if it commands a torque where the task commands an angle, or the reverse,
+            or needs a sensor at the joint that the device does not have.
     """
     if isinstance(drive, Drive):
         return _controller_of(name, drive)
@@ -306,7 +306,7 @@ def _controller_of(name: Law, drive: Drive) -> Controller:
 def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """Return the controller that a function makes; see the module's documentation.
 
-    `module:function` is found as by `import` in the folder of the call.
+    `module:function` is imported as from the current directory.
 
     Raises:
         CableError: If there is no such module or function, it makes no controller,
@@ -337,7 +337,7 @@ def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controll
 
 
 def _require_one_argument(name: str, called: Any, which: str, what: str) -> None:
-    """Refuse a function that cannot be called with one argument."""
+    """Raise a `CableError` if a function cannot be called with one argument."""
     try:
         signature = inspect.signature(called)
     except (TypeError, ValueError):  # some of extension modules have none
@@ -354,17 +354,17 @@ def _require_one_argument(name: str, called: Any, which: str, what: str) -> None
 
 
 def controller_errors(name: str) -> AbstractContextManager[None]:
-    """Report in one sentence which controller raised which error, and where."""
+    """Turn an error in a `with` block into a `CableError` on the controller `name`."""
     return user_code.user_errors(f"controller {name!r}")
 
 
 def default_controller(device: Description, task: Any = None) -> str:
-    """Return the controller that plays a task unless one is named.
+    """Return the name of the controller that plays a task by default.
 
-    It is `pi_tuned`, whose gains follow from rotor, cables and delay of any device.
-    Where the task commands an angle, it is `backlash_inverse` if the device has its
-    parameters, else `none`. The task is of all axes or by axis, see `human.task`; that
-    of the device by default.
+    It is `pi_tuned`, whose gains follow from rotor, cables and delay of any device. If
+    the task commands an angle, it is `backlash_inverse` if the device has its
+    parameters, else `none`. `task` is one for all axes or a mapping by axis, see
+    `human.task`; by default that of the device.
     """
     axis = device.axes[0]
     if isinstance(task, str):
@@ -382,8 +382,9 @@ def axes_controller(
 ) -> Controller:
     """Make the controller of a device; with one axis it is that of the axis.
 
-    It is given for all axes, or by the name of an axis: a mapping, or a text such as
-    `hip=predictive,ankle=pi`. Drives and beginnings of columns are those of every axis.
+    `given` is a controller for all axes, or one by the name of an axis: a mapping, or a
+    text such as `hip=predictive,ankle=pi`. `drives` and `prefixes`, the beginnings of
+    columns, have one entry for every axis.
 
     Raises:
         CableError: There is no such controller or axis, or an axis has none; or a
@@ -418,10 +419,10 @@ def batched_controller(
 ) -> Controller:
     """Make the controller of many devices, of one axis or several.
 
-    What it does for one of them is the same as for that one alone. Equal devices share
-    a controller that takes arrays; code from outside may know numbers only. Arguments
-    are as of `axes_controller`, with the drives of every axis of each device; `outside`
-    is a function of them that makes a controller with its own code.
+    It acts on each device as on that device alone. Equal devices share a controller
+    that works on arrays, but code of users may accept numbers only. Arguments are those
+    of `axes_controller`, with the drives of every axis of each device; `outside`,
+    called with the same arguments, makes a controller with code of users.
     """
     first, has_code = drives[0], runs_code(given)
     if has_code and outside is not None:
@@ -458,13 +459,13 @@ def _for_all_axes(given: Law) -> Any:
 
 
 def is_policy(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether a controller is the file of a policy, which has all axes."""
+    """Return whether a controller is the file of a policy, which drives all axes."""
     alone = isinstance(given, str) and named_laws(given) == [given]
     return alone and str(given).endswith(POLICY_ENDING)
 
 
 def runs_code(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether a controller has code of its own: `module:name`, or a function.
+    """Return whether a controller has code of users: `module:name`, or a function.
 
     The file of a policy has none: it is numbers.
     """
@@ -474,14 +475,14 @@ def runs_code(given: Law | Mapping[str, Law]) -> bool:
 
 
 def _is_code(law: Law) -> bool:
-    """Return whether a controller of an axis is `module:name`, or a function."""
+    """Return whether the controller of an axis is `module:name`, or a function."""
     if not isinstance(law, str):
         return True
     return is_user_controller(law) and not law.endswith(POLICY_ENDING)
 
 
 def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
-    """Refuse a `decoupled_NAME` with an unknown NAME, or of a single axis."""
+    """Raise a `CableError` for `decoupled_NAME` of an unknown NAME or a single axis."""
     if not isinstance(given, str) or not is_decoupled(given):
         return
     for name in named_laws(given):
@@ -496,7 +497,7 @@ def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
 
 
 def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
-    """Return the controller of every axis, as it is given."""
+    """Return the name or function of the controller of every axis."""
     names = [prefix.rstrip(".") for prefix in prefixes]
     if isinstance(given, str):
         given = split_by_axis(given.removeprefix(DECOUPLED), names)
@@ -514,14 +515,14 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
 
 
 def named_laws(given: str) -> list[str]:
-    """Return the controllers of a name: several of `hip=model,ankle=pi`."""
+    """Return the names of controllers in a text: two in `hip=model,ankle=pi`."""
     given = given.removeprefix(DECOUPLED)
     pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
     return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]
 
 
 def law_drives(law: Controller, drives: Sequence[Drive]) -> Sequence[Drive]:
-    """Return the drives of a controller: its own, or those of the device if many."""
+    """Return the drives of a controller: its own, or those of the device if several."""
     if isinstance(law, AxesController):
         return [one.drive for one in law.laws]
     return [law.drive] if len(drives) == 1 else drives

@@ -15,7 +15,7 @@ MAX_EVALUATIONS = 12  # of a torque in a search for an angle of the motor
 
 
 class MotorSearch(NamedTuple):
-    """Search for the angle of the motor that makes a torque, along a plan."""
+    """Search for the motor angle at which the cables make a torque, in one plan."""
 
     cables: stepper.Cables
     state: FloatMatrix  # before the step (cables, numbers)
@@ -34,8 +34,9 @@ class MotorSearch(NamedTuple):
 def _end_tension(cables: stepper.Cables, state: FloatMatrix, distal: bool) -> float:
     """Return the tension at one end of the first cable [N].
 
-    Where that end is slack it is below 0: the tension that would draw the slack cable
-    taut as a whole. Drag that needs no tension keeps slack where it is.
+    If that end is slack, it is negative: the tension that would draw the slack cable
+    taut as a whole. Slack beyond the first taut node, which drag keeps there, does not
+    count.
     """
     n = cables.n[0]
     tension = tensions(state[0], n)
@@ -57,8 +58,8 @@ def _end_tension(cables: stepper.Cables, state: FloatMatrix, distal: bool) -> fl
 def joint_torque(cables: stepper.Cables, state: FloatMatrix, motor: float) -> float:
     """Return the torque of the cables at the joint [N m].
 
-    A single cable is assumed to push in proportion to its slack, so that it is neither
-    paid out nor left behind further than needed.
+    A single slack cable counts as pushing in proportion to its slack. So a plan neither
+    pays it out nor leaves it slack more than needed.
     """
     if cables.n.size == 1:
         return float(-cables.distal[0] * _end_tension(cables, state, True))
@@ -67,10 +68,10 @@ def joint_torque(cables: stepper.Cables, state: FloatMatrix, motor: float) -> fl
 
 @internal
 def _torque_deficit(search: MotorSearch, motor: float, torque: float) -> float:
-    """Return the torque that the cables lack and the motor can change [N m].
+    """Return the missing torque of the cables, as far as the motor can change it [N m].
 
-    A single cable whose end at the motor is slack cannot be made to pull less. So where
-    it pulls too much, that end gets a slack of `slack` [N m], and no more.
+    A single cable that is slack at the motor cannot be made to pull less. So if it
+    pulls too much, the aim is a slack of `slack` [N m] at that end, and no more.
     """
     cables, state = search.cables, search.new
     lack = torque - joint_torque(cables, state, motor)
@@ -91,16 +92,16 @@ def find_motor_angle(
     turned: float,
     torque: float,
 ) -> float:
-    """Find the nearest motor angle [rad] in direction `way` that makes a torque.
+    """Find the nearest motor angle [rad] in direction `way` that makes a torque [N m].
 
-    Where that direction leads away from the torque, the motor stays. Drag that needs no
-    tension leaves a pull that no paying out ends; then the motor goes to the nearest
-    torque that it can reach, see `_torque_deficit`. Where friction depends on speed,
-    the motor gets there slowly and goes on with the joint: the torque is that of cables
+    If that direction leads away from the torque, the motor stays. Drag that needs no
+    tension can keep a pull however much is paid out; then the motor goes to the nearest
+    torque that it can reach, see `_torque_deficit`. If friction depends on speed, the
+    motor first moves slowly and then with the joint, so the torque is that of cables
     drawn at that speed, not that of a jump.
 
-    The motor has the angle `start` before [rad] and may turn one `way`, 1 or -1. The
-    joint has an angle after the step, and `turned` in it [rad]; the torque is in [N m].
+    `start` is the motor angle before [rad], `way` 1 or -1, `joint` the joint angle
+    after the step [rad], and `turned` the joint's motion in it [rad].
     """
     cables, drags, work = search.cables, search.drags, search.work
     before = search.leapt if drags else search.state

@@ -29,7 +29,7 @@ from cc_mujoco.native import FloatArray
 
 
 def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the tensions (rows, cables, sensors) [N]."""
+    """Return the readings of tension sensors (rows, cables, sensors) [N]."""
     if TENSION_COLUMN not in observation:
         raise CableError(
             "this controller needs tension sensors; the observation has no "
@@ -53,10 +53,10 @@ class FusedFeedback(ProportionalIntegral):
     """Feedback of fused tension sensors: no joint torque sensor is used.
 
     Noisy tension sensors along the cables are fused into the tensions at the joint
-    (`estimation._fusion`); the model, driven by the motor's angle and the fused
-    tensions, determines the slipping parts. Feed-forward and PI as in `pi` act on the
-    resulting torque (thesis Fig. 4.1). Where slip relates no sensor to the joint, the
-    last estimate stays.
+    (`estimation._fusion`). The cable model, driven by the motor's angle and the fused
+    tensions, determines which parts slip. Feed-forward and PI as in `pi` act on the
+    resulting torque (thesis Fig. 4.1). While no slipping part connects a sensor to the
+    joint, the last estimate stays.
     """
 
     def __init__(
@@ -132,8 +132,8 @@ class AdaptiveModel(PredictiveCompensation):
 
         Args:
             drive: The device, with cables and at least two sensors along each. Friction
-                that it believes to be none is 0.001.
-            memory: Readings after which one has faded to 1/e; one in
+                of 0 is replaced by 0.001 in the model.
+            memory: Number of readings after which the weight of one is 1/e; one in
                 `_planner_steps.READING_INTERVAL` steps is read.
             **settings: See `PredictiveCompensation`; `learning` is 0.
 
@@ -171,7 +171,7 @@ class AdaptiveModel(PredictiveCompensation):
         return self._laid_out(shape, (*own.numbers, self.taps.fading))
 
     def friction(self) -> NDArray[np.float64]:
-        """Return the estimated friction (rows, cables), empty at the start."""
+        """Return the estimated friction coefficients (rows, cables), if any."""
         cables, size = len(self.drive.cables), planner_steps.ESTIMATE_SIZE
         if not len(self._memory):
             return np.zeros((0, cables))
@@ -198,7 +198,7 @@ class AdaptiveModel(PredictiveCompensation):
 
 
 def _with_minimum_friction(one: CableDrive) -> CableDrive:
-    """Return the drive with enough Coulomb friction to scale and to estimate."""
+    """Return the drive with the least friction that can be scaled and estimated."""
     cable = one.cable
     require_slope(cable)
     least, still = planner_steps.MIN_BELIEVED_FRICTION, cable.static_friction

@@ -50,7 +50,7 @@ class Field:
 
 @dataclass(frozen=True)
 class AxisPlan:
-    """Controller of one axis as it is exported: its law, numbers and readings."""
+    """Plan of an exported controller of one axis: its law, numbers and readings."""
 
     law: SteppedLaw
     tables: LawTables
@@ -73,9 +73,9 @@ class AxisPlan:
     ) -> AxisPlan:
         """Plan a controller with its default gains.
 
-        Names of readings and gains begin with `prefix`. With `decoupled` it reads the
-        torques of its own cables. For `iterations` see `PredictiveCompensation`; others
-        take none.
+        Names of readings and gains begin with `prefix`. If `decoupled`, it reads the
+        torques of its own cables. `iterations` is as in `PredictiveCompensation`,
+        infinite for others.
         """
         made, law = _law_of(name, drive, iterations)
         known = made.drive.cables if law.has_model else ()
@@ -107,14 +107,14 @@ class AxisPlan:
 
     @property
     def guarded(self) -> tuple[bool, ...]:
-        """True for readings at which the guard looks; leverage by torques over it."""
+        """True for each reading that the guard checks; a leverage counts as checked."""
         own = [name not in self.law.unguarded for name in self.columns]
         tensions = [False for _ in self.tension_readings]
         return (*own, *tensions, *[True for _ in self.other_columns])
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Names of its readings in C."""
+        """Names in C of all readings of the axis."""
         own, other = (
             [self.prefix + _identifier(name) for name in names]
             for names in (self.columns, self.other_columns)
@@ -135,7 +135,7 @@ class AxisPlan:
 
 @dataclass(frozen=True)
 class ExportPlan:
-    """The controller of a device, as it is exported."""
+    """Plan of the exported controller of a device."""
 
     axes: tuple[AxisPlan, ...]
     names: tuple[str, ...]  # of the axes in C; an empty one of a device with one axis
@@ -152,8 +152,8 @@ class ExportPlan:
     ) -> ExportPlan:
         """Plan a controller of `control.axes_controller` with its default gains.
 
-        Drives, names of cables and beginnings of columns are those of every axis; for
-        `iterations` see `PredictiveCompensation`.
+        Drives, names of cables and beginnings of columns have an entry for every axis;
+        for `iterations` see `PredictiveCompensation`.
 
         Raises:
             CableError: There is no such controller, it cannot be exported, it needs
@@ -212,19 +212,19 @@ class ExportPlan:
 
     @property
     def guarded(self) -> tuple[int, ...]:
-        """A flag for every reading: 1 where the guard of its axis looks at it."""
+        """Flag of every reading: 1 if the guard of its axis checks it."""
         checks = self.torques.coupling is None
         return tuple(int(checks and own) for axis in self.axes for own in axis.guarded)
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """Place of the first number of every axis in the memory, and behind all."""
+        """Index of every axis' first number in the memory, and the end of all."""
         sizes = (axis.tables.size for axis in self.axes)
         return tuple(itertools.accumulate(sizes, initial=0))
 
     @property
     def memory_size(self) -> int:
-        """Numbers in the memory of a controller."""
+        """Number of floats in the memory of a controller."""
         return self.starts[-1] + self.torques.memory_size
 
 
@@ -252,7 +252,7 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
 def _joint_torques(
     axes: Sequence[AxisPlan], drives: Sequence[Drive], coupling: Coupling | None
 ) -> JointTorques:
-    """Return the places of the torques of every axis among the readings."""
+    """Return the indices of the joint torques of every axis among the readings."""
     rows, shared, start = [], [], 0
     for place, (axis, drive) in enumerate(zip(axes, drives, strict=True)):
         end = start + len(axis.seen)

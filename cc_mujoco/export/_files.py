@@ -32,7 +32,7 @@ EXPORT_FILES = (
 
 
 def readme(plan: ExportPlan, what: str, notes: Sequence[str]) -> str:
-    """Return the page of the folder; arguments as of `header`."""
+    """Return the text of the folder's README; arguments as of `write`."""
     listed = "\n".join(f"- {note}" for note in notes)
     return f"""# {what}
 
@@ -150,7 +150,7 @@ def parameters(plan: ExportPlan) -> str:
 
 
 def example(plan: ExportPlan) -> str:
-    """Return a program that reads measurements and writes torques."""
+    """Return a C program that reads measurements and writes torques."""
     seen = plan.seen
     torques = [f"{n}_motor_torque_nm" if n else "motor_torque_nm" for n in plan.names]
     return fill(
@@ -168,8 +168,8 @@ def controller_source(plan: ExportPlan, what: str) -> str:
     """Return the C99 source of the controller, without included files.
 
     The functions of the header call those of each axis in turn. Memory, parameters and
-    readings of the axes lie one behind the other, and those that `own_readings` needs
-    are behind the memory of the last.
+    readings are stored axis after axis, and the numbers of `own_readings` after the
+    memory of the last axis.
     """
     library = CLibrary({}, native_library.PACKAGE.parent)
 
@@ -260,7 +260,7 @@ def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:
-    """Find out, before long work, whether a controller may be written to a folder."""
+    """Raise a `CableError`, before long work, if a folder must not be written to."""
     names = (*ROS2_FILES, *EXPORT_FILES)
     try:
         text = Path(folder, HEADER_FILE).read_text(encoding="utf-8")
@@ -281,8 +281,8 @@ def write(
     """Write a controller as C99, with all that a C compiler needs.
 
     An earlier export in the folder is replaced unless a user changed it. The header
-    says `what` it is, controller and scene, and the notes; with `ros2_control` a
-    package of ROS 2 is written around it.
+    contains `what`, a text on controller and scene, and the notes. If `ros2_control`, a
+    package of ROS 2 is written around the controller.
 
     Raises:
         CableError: It cannot be written there.

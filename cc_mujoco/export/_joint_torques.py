@@ -1,13 +1,13 @@
 """Readings for the law of each axis, from those of all axes, for C.
 
-A law with a model reads the torques of its joint over the leverage ratio, as those of a
-round pulley; where axes are decoupled they are those of its own cable. Other readings
-are copied.
+A law with a model reads the torques of its joint divided by the leverage ratio, as if
+the joint had a round pulley. If axes are decoupled, they are the torques of its own
+cable. Other readings are copied.
 
 `shape` has the numbers of readings, axes and joints, the latter 0 without decoupling;
-rows of a number for each axis (`_ROWS`); the number of shared ratios; and of each the
-joint, the axis and the place among the readings. `tables` are ratio, least and greatest
-torque of every motor, then safe torque and scale of every joint.
+then rows (`_ROWS`) with a number for each axis; then the number of shared ratios, and
+for each its joint, its axis and its index among the readings. `tables` are ratio, least
+and greatest torque of every motor, then safe torque and scale of every joint.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ readings; 1 where torques are divided by that ratio, else 0; number of these row
 
 @dataclass(frozen=True)
 class JointTorques:
-    """Numbers of `own_readings` for a device."""
+    """Numbers of a device that `own_readings` needs."""
 
     readings: int
     rows: tuple[tuple[int, ...], ...]  # of every axis; joint 0 without a coupling
@@ -38,7 +38,7 @@ class JointTorques:
 
     @property
     def changes(self) -> bool:
-        """True if a law reads other numbers than are measured."""
+        """True if some law reads numbers other than the measured ones."""
         return self.coupling is not None or any(row[_IS_DIVIDED] for row in self.rows)
 
     @property
@@ -69,7 +69,7 @@ class JointTorques:
 def own_readings(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> None:
-    """Write to the memory the readings in the order of each axis' law."""
+    """Write the readings as the law of each axis expects them to the memory."""
     count, axes, joints = shape[0], shape[1], shape[2]
     rows = whole_rows_of(shape, 3, _ROWS, axes)  # behind the three numbers
     memory[:count] = readings[:count]

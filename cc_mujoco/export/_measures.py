@@ -1,8 +1,8 @@
-"""Stack and work of an exported controller, found with gcc where there is one.
+"""Stack and work of an exported controller, measured with gcc if it is installed.
 
-The stack is the sum of the frames along the deepest path of calls, of which none
-recurs. The work is counted: an instrumented build takes noisy readings of a joint that
-swings, stops and turns, and counts the basic blocks that each step runs through.
+The stack is the sum of the frames along the deepest path of calls; none is recursive.
+The work is counted: an instrumented build gets noisy readings of a joint that swings,
+stops and turns, and counts the basic blocks that each step executes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FLAGS = "-std=c99", "-O2", "-ffp-contract=off"
 
 
 class Measures(NamedTuple):
-    """Stack and work of a controller; None where unknown."""
+    """Stack and work of a controller; None if unknown."""
 
     stack: int | None  # [bytes], without that of the C library's functions
     blocks: int | None  # most basic blocks of a step
@@ -47,7 +47,7 @@ class Measures(NamedTuple):
 
 
 def measure(plan: ExportPlan) -> Measures:
-    """Return stack and work of a controller, kept by its source and its compiler."""
+    """Return stack and work of a controller, cached by its source and compiler."""
     gcc = shutil.which("gcc")
     if gcc is None:
         return Measures(None, None)
@@ -67,8 +67,8 @@ def measure(plan: ExportPlan) -> Measures:
 def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
     """Return the stack that the functions of a controller need [bytes].
 
-    None where the compiler, a command of gcc with its flags, does not tell, or the
-    depth is not bounded.
+    It is None if the compiler, a command of gcc with its flags, does not report it, or
+    if the depth of calls has no bound.
     """
     with tempfile.TemporaryDirectory() as place:
         made = Path(place) / "controller.o"

@@ -5,10 +5,10 @@
     float(found.held.max())      # [J]
 
 The wearer is a spring and a damper to a reference, with inertia added at the joint; he
-moves to one side and then holds still. From then on nobody does work but the device.
-What it puts into the joint, less what the virtual spring gives back, is energy that a
-passive device does not have. The sensors are those of the device, noise and delay
-included. Of a device with several axes one is looked at, while the others rest.
+moves to one side and then holds still. From then on only the device does work. What it
+puts into the joint, less what the virtual spring gives back, is energy that a passive
+device does not have. The sensors are those of the device, with noise and delay. Of a
+device with several axes one is tested, while the others rest.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ PASSIVITY_TASKS = "spring", "transparent"
 
 @dataclass(frozen=True)
 class Limb:
-    """A wearer at a joint."""
+    """Mechanical impedance of a wearer at a joint."""
 
     stiffness: float  # [N m/rad]
     damping: float  # [N m s/rad]
@@ -85,7 +85,7 @@ class Limb:
 
 @dataclass(frozen=True)
 class _Centred(Task):
-    """A virtual environment about another angle than 0."""
+    """A virtual environment with its centre at an angle other than 0."""
 
     task: Task
     centre: float  # [rad]
@@ -96,7 +96,7 @@ class _Centred(Task):
 
 @dataclass(frozen=True)
 class _Aside(Trajectory):
-    """A minimum-jerk move from the middle to one side, and then rest."""
+    """A minimum-jerk move from the centre to one side, and then rest."""
 
     angle: float  # from the middle [rad]
     centre: float  # the middle [rad]
@@ -180,7 +180,7 @@ def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerE
 
 
 def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array:
-    """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`."""
+    """Return lower and upper bounds (3, 2) of the `place` of `limb_of`."""
     found = find_device(device)
     own = found.description.axis(axis)
     is_alone = len(found.description.axes) == 1
@@ -199,17 +199,17 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
 
 
 def limb_of(place: Array, inertia: float) -> Limb:
-    """Return the wearer at a place in the box, at a joint of an inertia [kg m^2].
+    """Return the wearer for a `place` (3,), at a joint of an inertia [kg m^2].
 
-    The place are logarithms of stiffness [N m/rad], damping over critical, and added
-    inertia [kg m^2], (3,).
+    A place has logarithms: of stiffness [N m/rad], of damping over critical damping,
+    and of added inertia [kg m^2].
     """
     stiffness, ratio, added = (float(x) for x in np.exp(place))
     return Limb(stiffness, 2.0 * ratio * math.sqrt(stiffness * inertia), added)
 
 
 def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
-    """Return the inertia of a joint with the limb in the neutral pose [kg m^2]."""
+    """Return the inertia of joint and limb in the neutral pose [kg m^2]."""
     plant = Plant(device)
     model = plant.model()
     limb = plant.description.axis(axis).limb
@@ -229,7 +229,7 @@ def spring_stiffness(axis: Axis) -> float:
 
 
 def first_wearers(device: str | Path | Device, axis: str | None = None) -> Array:
-    """Return places in the box: its corners, and a Latin hypercube (24, 3)."""
+    """Return places within `wearer_bounds`: corners and a Latin hypercube (24, 3)."""
     low, high = wearer_bounds(device, axis).T
     return np.asarray(low + first_places(3) * (high - low))
 
@@ -253,14 +253,14 @@ def play(
     axis: str | None = None,
     progress: Callable[[float], object] = float,
 ) -> WearerEnergy:
-    """Simulate wearers who move and then hold still; infinite where that diverged.
+    """Simulate wearers who move and then hold still; infinite energy if it diverged.
 
     Args:
         device: Name, file or the device.
         law: Name of a controller, or of `PASSIVITY_REFERENCES`.
         task: One of `PASSIVITY_TASKS`.
         limbs: The wearers.
-        believed: Friction that the controller believes, over that of the cables.
+        believed: Friction in the controller's model, over that of the cables.
         seed: Seed of the noise, the same for all.
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
@@ -320,7 +320,7 @@ def play(
 
 
 def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
-    """Put the spring that suits an axis at its joint, about its centre, in place."""
+    """Add the virtual spring of an axis to its joint in the model."""
     joint, added = model.joint(axis.joint), spring_stiffness(axis)
     there = float(joint.stiffness[0])
     if axis.centre:
@@ -342,7 +342,7 @@ def _believing(drive: Drive, believed: float) -> Drive:
 def _control(
     law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
 ) -> Controller:
-    """Return a controller of one axis or all; other axes follow their commands."""
+    """Return the controller `law` of one axis; others feed their commands forward."""
     if law in PASSIVITY_REFERENCES:
         return Unpowered(drives[0], axes=len(drives))
     if len(drives) == 1:
@@ -369,9 +369,9 @@ def activity(
 ) -> Activity:
     """Return the energy that a controller puts into a passive wearer, by simulation.
 
-    The wearers are those that the search of `check_passivity.py` begins with, in the
-    hands of a spring; it finds more than that, and no search proves anything. What was
-    found is kept by controller, model, description and code.
+    The wearers are the first ones of the search of `check_passivity.py`, with a virtual
+    spring. The search finds larger energies, and no search proves passivity. Results
+    are cached by controller, model, description and code.
 
     `axis` is the only one by default, and `progress` is called with the simulated time
     [s], up to `EPISODE_TIME`.

@@ -1,4 +1,4 @@
-"""The compiled step of a policy for C, and the numbers it rests on."""
+"""Compiled step of a policy for C, and the numbers that it needs."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def step_policy(data: LawData) -> float:
 
 
 class SteppedPolicy(Policy):
-    """A policy of one axis with its compiled functions; see `SteppedController`."""
+    """A policy of one axis as a controller with a compiled step."""
 
     @property
     def stepped(self) -> SteppedLaw:

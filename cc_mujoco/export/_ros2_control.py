@@ -27,7 +27,7 @@ without a leverage ratio; the joint's own motion is near enough for it."""
 
 
 def require_ros2_states(plan: ExportPlan) -> None:
-    """Refuse a controller that does not read what sensors measure.
+    """Refuse a controller whose readings ros2_control has no sensor interfaces for.
 
     Raises:
         CableError: It needs to know how a joint winds the cables, or it reads the phase

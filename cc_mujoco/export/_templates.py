@@ -1,4 +1,4 @@
-"""Files that are written, with places for the numbers and names of a controller."""
+"""Template files, with placeholders for the numbers and names of a controller."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from string import Template
 
 
 def fill(file: str, **values: object) -> str:
-    """Return the text of a file in `templates`, `$NAME` replaced by the values."""
+    """Return the text of a file in `templates`, `$NAME` replaced by its value."""
     text = (Path(__file__).with_name("templates") / file).read_text(encoding="utf-8")
     return Template(text).substitute(values) if values else text

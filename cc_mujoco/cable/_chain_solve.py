@@ -119,10 +119,9 @@ def lay_evenly(
 ) -> None:
     """Distribute slack cable evenly, as without tension no friction acts on it.
 
-    Nodes `first` to `last` have no tension, and the segments between them no drag.
-    `proximal` and `distal` are the displacements before and behind them in this step
-    [m]. If one of them is not bound, as at an end without tension, the cable is
-    unstrained.
+    Nodes `first` to `last` have no tension, the segments between them no drag.
+    `proximal` and `distal` are displacements before and behind them in this step [m].
+    The cable is unstrained if one of them is not bound, as at an end without tension.
     """
     rest, compliance = 0.0, 0.0
     for i in range(first, last + 1):

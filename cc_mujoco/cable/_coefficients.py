@@ -1,7 +1,6 @@
 """Friction of every segment in a step, and the state after it, compiled.
 
-The laws are those of `_friction.py`; their coefficients are rows of the scratch memory
-that `_layout.py` describes.
+The laws are those of `_friction.py`, the rows of coefficients those of `_layout.py`.
 """
 
 from __future__ import annotations

@@ -7,8 +7,7 @@ A `CoupledPath` tabulates the path over the angle of the joint; the cable is tha
 kernel. The length that a piece gains enters the cable there, and by virtual work each
 tension acts on the joint with the gain of its piece per angle. Angles are positive
 where the first cable pulls, and positive motor rotation winds that cable. If other
-joints move the path, too, the table is over the samples of a recording, and includes
-the slopes.
+joints move the path, too, the table is over the samples of a recording, with slopes.
 """
 
 from __future__ import annotations

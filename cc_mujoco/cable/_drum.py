@@ -111,8 +111,7 @@ def _mixing_heat(
 ) -> float:
     """Return the energy that two layers lose when they become one [J].
 
-    `length` and `other` are their stretched, `unstretched` and `also` their unstretched
-    lengths [m].
+    Stretched lengths are `length`, `other`, unstretched ones `unstretched`, `also` [m].
     """
     both = unstretched + also
     energy = unstretched * moving_path.strain_energy(prm, length / unstretched)

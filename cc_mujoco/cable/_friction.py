@@ -143,10 +143,7 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
 def viscosity(
     values: FloatArray, length: float, growth: float, speed: float, dt: float
 ) -> float:
-    """Return C of a segment, per displacement in one step of `dt` [s] [N/m].
-
-    `length` [m] is that of the segment, `growth` its E, `speed` its slip speed [m/s].
-    """
+    """Return C of a segment at a slip speed [m/s], per displacement in `dt` [N/m]."""
     viscous: float = values[PLACE.viscous_friction] + grease_viscosity(values, speed)
     if viscous == 0.0:
         return 0.0
@@ -204,10 +201,7 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
 def bristle_stiffness(
     values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
 ) -> float:
-    """Return the stiffness of a segment's bristles at its `mean` tension [N/m].
-
-    `coefficient` is that of friction, `angle` the wrap angle [rad], `drag` in [N].
-    """
+    """Return the stiffness [N/m] of a segment's bristles at its `mean` tension [N]."""
     # Shorter bristles are Coulomb friction; those of a slack cable give no stiffness.
     length = max(values[PLACE.bristle_length], 1e-9)
     stiffness: float = (coefficient * angle * mean + drag) / length
@@ -218,9 +212,8 @@ def bristle_stiffness(
 def bristle_force(force: float, stretch: float, stiffness: float) -> float:
     """Return the force [N] of bristles after their stiffness changed to this [N/m].
 
-    `force` [N] and `stretch` [m] are those before. Softer bristles keep their stretch,
-    stiffer ones their force, so that a stiffness which follows the tension never adds
-    energy.
+    Softer ones keep their stretch [m], stiffer ones their force [N], so that a
+    stiffness which follows the tension never adds energy.
     """
     most = stiffness * abs(stretch)
     return min(max(force, -most), most)
@@ -270,9 +263,8 @@ def load_factor(values: FloatArray, mean: float) -> float:
 def age_after_step(values: FloatArray, age: float, slip: float, dt: float) -> float:
     """Return the age ln(1 + t/t_0) of the contacts after a step of `slip` [m].
 
-    Contacts grow older, and slip over `critical_slip_distance` renews them: with T the
-    age in seconds dT/dt = 1 - |v| T/l, solved for the mean speed of the step (Ruina, J.
-    Geophys. Res. 88, 1983).
+    Contacts age and slip over `critical_slip_distance` renews them: dT/dt = 1 - |v|
+    T/l, T in seconds, solved for the mean speed (Ruina, J. Geophys. Res. 88, 1983).
     """
     scale = values[PLACE.ageing_time]
     if slip == 0.0:

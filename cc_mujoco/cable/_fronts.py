@@ -38,9 +38,8 @@ def overcome_direction(
 ) -> int:
     """Return the direction in which a segment at rest breaks away, 0 if it holds.
 
-    `proximal` and `distal` are its end tensions [N]. `hold_distal` and `hold_proximal`
-    are the tension ratios that it holds against motion towards distal (+1) and proximal
-    (-1).
+    `proximal` and `distal` are its tensions [N], `hold_distal` and `hold_proximal` the
+    ratios that it holds against motion towards distal (+1) and proximal (-1).
     """
     if distal > (hold_distal * proximal + drag) * (1.0 + LIMIT_TOLERANCE):
         return 1

@@ -38,10 +38,7 @@ from cc_mujoco.native import FloatArray, compiled, internal
 def solve_marked(
     n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> None:
-    """Solve a step with known slip and slack nodes, slack cable laid evenly.
-
-    `lines` and `work` are those of `_chain_solve.solve`.
-    """
+    """Solve a step with known slip and slack nodes, and lay slack cable evenly."""
     drag, viscosity = chain.drag, chain.viscosity
     slip_direction, slack, node = motion.direction, motion.slack, motion.node
     lies = False

@@ -136,10 +136,9 @@ def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) 
 def _end_relation(
     kind: int, value: float, pulled: float, tension: float, stiffness: float
 ) -> tuple[float, float]:
-    """Return p [N] and q [N/m] of T = p +- q w at an end of the cable.
+    """Return p [N] and q [N/m] of T = p +- q w at an end, w the adjacent slip [m].
 
-    w is the slip of the adjacent segment, `pulled` the outward motion of an end driven
-    by position [m].
+    `pulled` is the outward motion of an end driven by position [m].
     """
     if kind == TENSION:
         return max(value, 0.0), 0.0

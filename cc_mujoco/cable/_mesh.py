@@ -78,10 +78,7 @@ def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
 
 @internal
 def _segment_density(radius: float, length: float, wrap: float, mean: float) -> float:
-    """Return the density rho of segments at a bend radius, over their number.
-
-    `length` and `wrap` are those of the conduit, `mean` is the mean density.
-    """
+    """Return rho at a bend radius, for `length`, `wrap` and `mean` rho of a conduit."""
     return float(min(0.5 + 0.5 * length / (radius * wrap), MAX_REFINEMENT * mean))
 
 

@@ -272,9 +272,9 @@ def slack_length(prm: FloatArray, n: int, state: FloatArray) -> float:
 def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
     """Return the stiffness seen at one end [N/m].
 
-    It is that of the nodes in series from that end to the first segment that friction
-    holds: half a segment if the conduit bends from its mouth on. If friction holds
-    none, it is twice the stiffness of the whole cable.
+    It is that of the nodes in series up to the first segment that friction holds (half
+    a segment if the conduit bends from its mouth on), or twice the whole cable's if
+    none is.
     """
     compliance = 0.0
     stiffness = at.node_stiffness(prm, n)

@@ -451,13 +451,12 @@ def pull_forces(
     `mouth`, `shape` and `guided` are those of `measure`, `node` the tensions [N],
     negative where slack. `tied` is the force along the whole tendon that MuJoCo applies
     [N], positive where it lengthens the tendon; it is subtracted. A piece without
-    length, and so without direction, pulls along the axis `aside` of the world (-1: not
-    at all).
+    length, and so direction, pulls along the axis `aside` of the world, or not (-1).
 
-    The result is `forces` (6 * (number - 1),) [N], for each place but the last: the
-    force at the site, towards the geom that is touched or else the next site; and, for
-    a geom that is touched, in the entry of the site behind it, the force where the path
-    leaves the geom.
+    The result is `forces` (6 * (number - 1),) [N], for each place but the last: at the
+    site, towards the geom that is touched or else the next site; and, for a geom that
+    is touched, in the entry of the site behind it, the force where the path leaves the
+    geom.
     """
     extent = _row(shape, n, _EXTENT)
     for i in range(6 * (number - 1)):

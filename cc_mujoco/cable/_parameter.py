@@ -6,11 +6,10 @@
     )
     Parameter("gearing", "1", "turns of the rotor per turn of the pulley", 0.0, 1e4)
 
-A field of a dataclass carries its descriptor (`parameter`, `parameters_of`). From the
-fields of `Cable` derive the table `PARAMETERS`, the indices of the packed vector, the
-fast paths of the kernel, the terms that estimators refuse, and the table in the
-documentation. Variables of designs, parameters of effects and those of a fit have such
-descriptors, too.
+A field of a dataclass carries its descriptor (`parameter`, `parameters_of`). From those
+of `Cable` derive the table `PARAMETERS`, the indices of the packed vector, fast paths
+of the kernel, the terms that estimators refuse, and the table in the documentation.
+Variables of designs, effects and fits are described in the same way.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ class Parameter:
     def admits(self, value: Any) -> bool:
         """Return whether a value is a number within the bounds, integral if required.
 
-        Truth values and arrays are not admitted, although Python compares them as
+        Truth values and arrays are not admitted, though Python compares them as
         numbers.
         """
         # Only the first question takes no time.

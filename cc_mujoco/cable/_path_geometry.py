@@ -1,8 +1,7 @@
 """Geometry of the path of a tendon over sites and geoms, compiled.
 
-A path is given by its places (sites and geoms) in order: `PLACE_SIZE` numbers each.
-Where it touches a geom, it meets it at one point and leaves it at another; a site is
-one point.
+A path is given by its places (sites and geoms) in order: `PLACE_SIZE` numbers each. A
+geom is touched at one point and left at another; a site is one point.
 
 From these points the wrap angle of each segment of a conduit follows (`bend`); no state
 is needed:

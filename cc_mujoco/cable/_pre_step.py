@@ -77,10 +77,7 @@ def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
 def relax_stress(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Lengthen all parts of the cable equally by stress relaxation.
-
-    It changes `tension` [N] and `lost` stretch [m] of the nodes (n + 1,).
-    """
+    """Relax all parts of the cable equally, in `tension` [N] and `lost` stretch [m]."""
     time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
     after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + step.dt) / scale)
@@ -112,9 +109,8 @@ def slide_in_clamps(
 ) -> None:
     """Shorten the path at both ends by the creep of the conduit in its clamps.
 
-    It changes `tension` [N] and `lost` stretch [m] of the end nodes. The rate is
-    implicit, by the tension at the end of the step and the node's stiffness before it,
-    so no step takes the tension below `clamp_force`.
+    The rate is implicit, by the tension at the end of the step and the end node's
+    stiffness before it, so no step takes the tension below `clamp_force`.
     """
     stiffness, dt = at.node_stiffness(prm, n), step.dt
     for end in range(2):

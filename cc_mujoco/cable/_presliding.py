@@ -33,10 +33,7 @@ _ROUNDING = 1e-12
 
 @internal
 def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, float]:
-    """Return the least and largest distal tension that Coulomb friction allows [N].
-
-    `proximal` is the proximal tension of segment s [N], `w` its displacement [m].
-    """
+    """Return the least and largest distal tension [N] that Coulomb friction allows."""
     drag, viscous = chain.drag[s], chain.viscosity[s] * w
     least = (proximal - drag + viscous) / chain.hold_proximal[s]
     return least, chain.hold_distal[s] * proximal + drag + viscous

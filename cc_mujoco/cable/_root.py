@@ -36,10 +36,7 @@ UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)
 
 @internal
 def narrowed(bracket: Bracket, at: float, error: float) -> Bracket:
-    """Return the bracket after `error` was found `at` a place.
-
-    The error is negative below the root and positive above it.
-    """
+    """Return the bracket after an `error` at a place, negative below the root."""
     if error < 0.0:
         halved = 0.5 if bracket.side < 0.0 else 1.0
         return Bracket(at, error, bracket.high, halved * bracket.f_high, -1.0)

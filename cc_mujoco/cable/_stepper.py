@@ -157,13 +157,11 @@ def balance(
     """Step all cables, one side by angle and the other by load; return its angle [rad].
 
     The torque at the motor grows with its angle and that at the joint falls with it,
-    piecewise smoothly. Secants from the last angle are taken until they bracket the
-    root, then regula falsi (`root`). A single cable cannot push: asked to, it goes
-    slack.
+    piecewise smoothly. Secants from the last angle bracket the root, then regula falsi
+    (`root`) finds it. A single cable cannot push: asked to, it goes slack.
 
     If `distal`, the load acts on the joint. `fixed` is the angle of the other side,
-    `start` that of this one before the step [rad]. The result is `new`, the state
-    after.
+    `start` that of this one before the step [rad]. The result is the state `new`.
     """
     arm = cables.distal if distal else cables.proximal
     wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)

@@ -2,8 +2,7 @@
 
 The rules are in `concepts.md`: verdict, identifiability, odds. A cable that comes off,
 a clamp that slips or a sensor that freezes begins at a moment, so it is no effect of
-the library. It hardly shows in the RMS error of all data, and large errors count less
-in fits: `worst_stretch` looks for it.
+the library and hardly shows in the error of all data: `worst_stretch` looks for it.
 """
 
 from __future__ import annotations
@@ -171,10 +170,7 @@ def _squares(
 def _largest_ratio(
     error: FloatArray, noise: FloatArray, counts: NDArray[np.bool_], window: int
 ) -> tuple[float, int]:
-    """Return the largest RMS error over noise in a window, and the window's middle.
-
-    `error` and `noise` (samples,) are squares, `window` a number of samples.
-    """
+    """Return the largest RMS ratio of squares in a window, and the window's middle."""
     box = np.ones(min(window, counts.size))
     signals = error, noise, counts.astype(np.float64)
     errors, noises, number = (np.convolve(each, box, "valid") for each in signals)
@@ -279,10 +275,7 @@ class Testability(NamedTuple):
 def detectability(
     problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
 ) -> Testability:
-    """Return how much each effect of `ids`, absent from the model, would show.
-
-    It needs simulations only, by the fitted model at `x` and the noise of the sensors.
-    """
+    """Return how much each effect of `ids` would show in the accepted model's data."""
     records = problem.plant.records
     masks = [record.free for record in records]
     # Torques are compared up to a band: so many of the samples are independent.
@@ -372,10 +365,7 @@ def deviating_parameters(
     estimated: Mapping[str, Estimate],
     hidden: Sequence[Confounded],
 ) -> tuple[Deviating, ...]:
-    """Return the parameters tuned further from the scene than priors allow.
-
-    `hidden` are effects that such tuning may stand for.
-    """
+    """Return the parameters tuned further from the scene than priors allow."""
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
@@ -562,9 +552,8 @@ def verdict_of(
 ) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences.
 
-    `deviating` are parameters tuned far beyond their priors, `stretch` is one whose
-    error exceeds its limit, `unhooked` the largest error over noise in trials with the
-    cables off.
+    `deviating` are parameters far beyond their priors, `stretch` exceeds its limit,
+    `unhooked` is the largest error over noise of trials with the cables off.
     """
     if found.effects:
         kind, statement = _verdict(found, stretch, unhooked)
@@ -755,9 +744,8 @@ def belief_in_verdict(
 ) -> VerdictOdds:
     """Return the probability that a verdict is right, and its alternatives.
 
-    A named effect is right if it acts, a tie if one of its effects does. Each group of
-    `ties` begins with the effect in the model; `left` is the model's error over the
-    noise.
+    A named effect is right if it acts, a tie if one of its effects does. Each of `ties`
+    has the effect in the model first; `left` is the model's error over the noise.
     """
     reliable, most = STUDIED[kind]
     if left > most:
@@ -795,10 +783,7 @@ def belief_in_verdict(
 def _alternatives(
     found: Search, step: Round, leader: str, group: set[str]
 ) -> dict[str, float]:
-    """Return z of an effect against each other one that may act instead, by id.
-
-    `leader` is the effect, `group` itself and its ties.
-    """
+    """Return z of effect `leader` against each one outside its `group`, by id."""
     beside = {*found.after.problem.effects, *group}
     tried = [c for c in step.candidates if c.crossed is not step.before]
     errors = {c.id: fitting.blocks(c.crossed) for c in tried}

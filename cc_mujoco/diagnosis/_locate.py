@@ -132,7 +132,6 @@ class _Prepared:
         self._half = samples.block % 2 == 0
 
     def _rough(self, columns: FloatArray) -> FloatArray:
-        """Return columns (samples, ...) without their smooth part."""
         return columns - self._basis @ (self._basis.T @ columns)
 
     def orders(self, angle: FloatArray) -> FloatArray:
@@ -202,16 +201,12 @@ class _Prepared:
     def _waves(
         self, angle: FloatArray, by_torque: bool, orders: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return cosines and sines (samples, orders) times the weights.
-
-        If `by_torque`, they are proportional to the simulated torque, too.
-        """
+        """Return weighted cosines and sines (samples, orders), also by torque."""
         size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
         phase = np.outer(angle, orders)
         return np.cos(phase) * size, np.sin(phase) * size
 
     def _pair(self, angle: FloatArray, by_torque: bool, order: float) -> FloatArray:
-        """Return weighted cosine and sine without their smooth part (samples, 2)."""
         waves = self._waves(angle, by_torque, np.array([order]))
         return self._rough(np.concatenate(waves, axis=1))
 
@@ -248,8 +243,8 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
 def _background(taken: FloatArray) -> FloatArray:
     """Return the level of the spectrum beside each order (orders,), by medians.
 
-    The larger of both sides counts, as errors grow towards low orders. It is infinite
-    for orders with none below.
+    The larger side counts, as errors grow towards low orders; infinite if none is
+    lower.
     """
     below = _lower_medians(taken)
     above = _lower_medians(taken[::-1])[::-1]
@@ -383,7 +378,6 @@ def _map(
 
 
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
-    """Return the mean error (bins,) of both halves' sums (2, bins); NaN if empty."""
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
     return np.asarray(sums.sum(axis=0) / whole)

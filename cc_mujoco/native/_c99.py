@@ -4,10 +4,9 @@
     library.export("cc_step", kernel.step)
     print(library.text())
 
-Each function is translated once, from its syntax tree and its annotations, together
-with the functions that it calls. Arithmetic keeps its order, so that C, compiled
-without contraction, gives the bits of Python. Code outside the supported subset of
-Python raises an error that names file and line.
+Each function is translated once, by its syntax tree and annotations; what it calls is
+translated with it. Arithmetic keeps its order, so that C, compiled without contraction,
+gives the bits of Python. Code outside the subset is an error with file and line.
 """
 
 from __future__ import annotations

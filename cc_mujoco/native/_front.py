@@ -40,10 +40,7 @@ class ReadFunction:
 
 
 def refusal(function: Any, node: ast.AST | None, what: str) -> CableError:
-    """Return the error for code that is not supported, with its file and line.
-
-    The line is that of `node`, by default the first of the function.
-    """
+    """Return the error for unsupported code, with the file and line of `node`."""
     code = function.__code__
     line = getattr(node, "lineno", code.co_firstlineno)
     return CableError(

@@ -374,11 +374,9 @@ def write_source(path: Path) -> None:
 def run(
     command: list[str], made: Path, environment: dict[str, str] | None = None
 ) -> None:
-    """Run a command that makes a file.
+    """Run a command that makes a file; raise `NativeLibraryError` if it fails.
 
-    Raises:
-        NativeLibraryError: it fails. The text is its first error, or else its last
-            line, with a note of its last lines.
+    The text is its first error, or else its last line, with a note of its last lines.
     """
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True)

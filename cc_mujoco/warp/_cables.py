@@ -41,8 +41,7 @@ class AttachedCables:
             end at the last evaluation [N].
         values: `wp.array` (cables, worlds, parameters), scalar parameters in the order
             of `cable/parameters.csv`; call `repack` after a change.
-        is_evaluated: True once a step, or a captured graph of steps, has evaluated the
-            cables.
+        is_evaluated: True once a step, or a captured graph, has evaluated them.
     """
 
     def __init__(
@@ -224,8 +223,7 @@ class AttachedCables:
     def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
         """Set the cables of some worlds to rest at their next evaluation.
 
-        It is not needed after `mujoco_warp.reset_data`, only after a reset that keeps
-        the time.
+        A reset that keeps the time needs it; `mujoco_warp.reset_data` does not.
 
         Args:
             worlds: flags (worlds,), which may lie on the device; all if omitted.
@@ -295,8 +293,7 @@ class AttachedCables:
     def assign(self, name: str, cables: Mapping[int, Cable]) -> None:
         """Replace a cable in some worlds, conduits too; nothing is compiled.
 
-        Other worlds are not changed. A changed pretension takes effect at the next
-        reset.
+        Other worlds stay. A changed pretension takes effect at the next reset.
 
         Args:
             name: the cable.
@@ -498,8 +495,7 @@ class _LookAhead:
 def _is_interleaved(device: Any) -> bool:
     """Return whether numbers of neighbouring rows are adjacent, as on a GPU.
 
-    A CPU runs one thread after the other: threads share scratch, and a row is
-    contiguous.
+    Threads of a CPU run in turn: they share scratch, and rows are contiguous.
     """
     return not device.is_cpu
 

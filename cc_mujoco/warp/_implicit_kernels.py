@@ -55,8 +55,7 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
     ):
         """Extrapolate the displacement of the ends over the step, with a compliance.
 
-        Columns 5 to 8 of `aim` are the displacements at its end [m], then how much
-        these change with the tensions [m/N].
+        Columns 5 to 8 of `aim` become displacements [m], then changes by tension [m/N].
         """
         cable, world = wp.tid()
         if rows.looks[cable] == 0:

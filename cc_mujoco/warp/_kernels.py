@@ -175,10 +175,7 @@ def kernels(
 
     @wp.func
     def needs_another(rows: CableRows, row: int, n: int, attempt: int):
-        """Prepare another attempt at the step; return whether one is needed.
-
-        See `plugin/_implicit_ends.py`.
-        """
+        """Prepare another attempt at the step; return whether one is needed."""
         if attempt == ATTEMPTS - 1:
             return False
         now, doubtful, passing = rows.now[row], bool(False), bool(False)

@@ -42,9 +42,8 @@ def add_end(
     Args:
         spec: specification to change.
         name: name of the actuator.
-        radius: signed radius on which a joint winds the cable [m], or the factor on the
-            length of a tendon; displacement of the cable is positive from the motor to
-            the joint.
+        radius: signed radius on which a joint winds the cable [m], or the factor on a
+            tendon's length; displacement is positive from the motor to the joint.
         joint: joint that holds the end.
         tendon: spatial tendon that holds the end instead.
 

@@ -148,8 +148,7 @@ def locate(
 ):
     """Place the links of a tendon, relative to a point of its first link at rest.
 
-    `near` becomes that point in the world, followed by the vectors from it to all
-    links.
+    `near` becomes that point in the world, then the vectors from it to all links.
     """
     start = links.starts[tendon]
     carrier = links.carriers[tendon]
@@ -218,10 +217,7 @@ def read_places(
     near: wp.array(dtype=float),
     places: wp.array(dtype=float),
 ):
-    """Write the places of a path, relative to the point of `near`.
-
-    Their layout is that of `_path_geometry.py`.
-    """
+    """Write a path's places as in `_path_geometry.py`, from the point of `near`."""
     locate(links, pose, tendon, world, near)
     points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]
     point = int(pose.ten_wrapadr[world, tendon])

@@ -1,9 +1,8 @@
 """Content of a dataset: noise of its channels, repetitions, rests, excitation.
 
-The scatter of repeated trials, which no model can explain, is the root mean square
-difference of two repetitions over the square root of two. The part of a difference that
-is proportional to the difference of the motor angles is another input of the model, and
-is removed before.
+Repeated trials scatter by the RMS difference of two over the square root of two, which
+no model can explain. The part of a difference that is proportional to that of the motor
+angles is another input of the model, and is removed before.
 """
 
 from __future__ import annotations
@@ -47,10 +46,10 @@ def find_holds(trial: Trial) -> list[slice]:
 def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     """Return the noise of every channel, by name: as declared, or estimated.
 
-    The estimate is the median standard deviation about short straight lines while motor
-    and joint are at rest, as a torque may relax and a hand tremble. Without such rests
-    it comes from third differences of the signal. It is at least the rounding error of
-    the digits, and a millionth of the channel's range.
+    It is estimated as the median deviation about short straight lines at rest, as a
+    torque may relax and a hand tremble; without rests, from third differences of the
+    signal. It is at least the rounding of digits, and a millionth of the channel's
+    range.
     """
     still = {trial.name: find_holds(trial) for trial in dataset.trials}
     found: dict[str, Noise] = {}
@@ -131,10 +130,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """Return the deviation of a repetition by channel, and the names of its trials.
-
-    Trials that are declared repeats are compared; without any, periods of one motion.
-    """
+    """Return the deviation by channel between repeats, or else periods, and trials."""
     pairs = [
         ({original.name, trial.name}, pair)
         for original, trial in _repeat_pairs(trials)

@@ -90,9 +90,8 @@ def sliding_torque_ratio(
     """Return motor over joint torque while the cable slides, and their correlation.
 
     Friction that grows with load makes the slope of motor over joint torque larger in
-    one direction of motion and smaller in the other. The geometric mean of both slopes
-    is the ratio without friction. All signals are (samples,), `omega` the motor's speed
-    [rad/s].
+    one direction of motion and smaller in the other; the geometric mean of both is the
+    ratio without friction. Signals are (samples,), `omega` the motor's speed [rad/s].
     """
     usual = math.sqrt(float(np.mean(omega**2)))
     ways, settled = _sliding(omega, usual, step)
@@ -116,10 +115,7 @@ def sliding_torque_ratio(
 def _sliding(
     omega: FloatArray, usual: float, step: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the direction of motion (samples,), and a mask where the cable slides.
-
-    It slides once the motor has moved a tenth of its range since the last reversal.
-    """
+    """Return the direction of motion, and a mask where the cable slides (samples,)."""
     slow = Limit.sliding_speed_share * usual
     moving = np.flatnonzero(np.abs(omega) > 0.2 * Limit.sliding_speed_share * usual)
     last = np.zeros(len(omega), dtype=np.intp)
@@ -145,8 +141,7 @@ def _work_per_travel(
 
     The stored energy is fitted as a function of torques and speeds, so that cycles need
     not be closed; linear terms in the angles absorb offsets of the torques. The
-    standard deviation is that of the difference of the works, the power is per speed of
-    the motor.
+    deviation is that of the difference of the works, the power per speed of the motor.
     """
     motor, joint = shown
     angles = trial.motor_angle[used], trial.joint_angle[used]
@@ -194,7 +189,6 @@ def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Gr
 
 
 def _sign(correlation: float, least: float) -> float:
-    """Return the sign of a correlation; 0 if its absolute value is at most `least`."""
     return math.copysign(1.0, correlation) if abs(correlation) > least else 0.0
 
 
@@ -339,8 +333,7 @@ def check_units(group: Group) -> Findings:
 def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     """Find trials with torques hundreds of times as large as in the others.
 
-    A loaded trial may have far larger torques than trials with a free joint, but then
-    both of its torques are larger.
+    Loaded trials may exceed trials with a free joint by as much, but in both torques.
     """
     if any(t.motor_torque is None or t.joint_torque is None for t in trials):
         return []
@@ -521,10 +514,7 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 
 
 def check_alignment(trial: Trial, alone: bool = False) -> Findings:
-    """Return a finding on a drift between both clocks, or on a delay of the joint.
-
-    With `alone`, the rig has a single cable, whose slack delays the joint as well.
-    """
+    """Return a finding on drifting clocks or a delay; slack of one cable `alone`."""
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
@@ -557,9 +547,9 @@ def check_alignment(trial: Trial, alone: bool = False) -> Findings:
 def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Find channels that come late, and motor and joint angles that are swapped.
 
-    The lead is the motor angle beyond the one that keeps the cables' length. Rates of
-    change are correlated at lags up to `MAX_DELAY` either way. A late torque counts
-    only if all trials share the delay, as friction delays torques, too.
+    The lead is the motor angle beyond the one that keeps the cables' length. Rates are
+    correlated at lags up to `MAX_DELAY` either way. A late torque counts only if all
+    trials share the delay, as friction delays torques, too.
     """
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:
@@ -633,10 +623,7 @@ def _late_channel(
 
 
 def _peak(fits: FloatArray, least: float) -> tuple[int, float]:
-    """Return the lag of the best fit [samples] and its gain over lag 0.
-
-    Both are 0 if the best fit is below `least`.
-    """
+    """Return lag [samples] of the best fit, and gain over lag 0; 0 below `least`."""
     middle, top = fits.size // 2, int(np.argmax(fits))
     if fits[top] < least:
         return 0, 0.0
@@ -690,10 +677,7 @@ def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
 
 
 def _lead_correlation(trial: Trial, bench: Bench) -> float:
-    """Return the correlation of the motor's lead and the torques; 0 if none is certain.
-
-    Delays and offsets are partialled out, and the joint angle if that makes it smaller.
-    """
+    """Return the partial correlation of lead and torque, delays aside; 0 if unsure."""
     parts = [p for p in trial.segments if p.stop - p.start >= 200]
     if trial.motor_torque is None or trial.joint_torque is None or not parts:
         return 0.0

@@ -74,11 +74,7 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
-    """Return a finding if the angles of a trial contradict the `ratio` of a scene.
-
-    `ratio` is motor rad per joint rad. The trial is the one closest to it; `several` if
-    at least three trials were compared.
-    """
+    """Compare the angles of the closest of `several` trials with a scene's `ratio`."""
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []
@@ -107,11 +103,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
 
 
 def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
-    """Return findings where ratio, torques or ranges contradict the bench of a scene.
-
-    The trial closest to the ratio of the bench counts, as cables that wind up change
-    it.
-    """
+    """Compare the closest trial's ratio, and all torques and ranges, with a scene."""
     checks = [_check_overload, _check_known_range]
     findings: Findings = []
     if bench.others:  # the ends do not turn by one ratio
@@ -137,8 +129,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
 def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:
     """Find trials in which the angles turn by the inverse of the scene's `ratio`.
 
-    A soft cable may let the joint turn less. So at a ratio below 1 all of several
-    trials, or the torques, have to show the inverse, too.
+    A soft cable may do so at a ratio below 1, unless all trials or the torques agree.
     """
     if abs(math.log(ratio)) < 0.15:  # no other ratio than its inverse
         return []

@@ -60,9 +60,9 @@ def prepare_start(
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
     """Return the start of the fit, and the records and filters prepared for it.
 
-    Which samples of a record count depends on the start. `bench` includes what `[rig]`
-    declares. Estimates so stiff or rough that the motor would no longer move the whole
-    cable are discarded, as they imitate something that the scene lacks.
+    Which samples count depends on the start. `bench` includes what `[rig]` declares.
+    Estimates by which the motor would no longer move the whole cable imitate something
+    that the scene lacks, and are discarded.
     """
     records, filtering = prepare(dataset, bench)
     start = _estimate_start(dataset, bench, records)
@@ -229,9 +229,9 @@ class _Grid:
     ) -> tuple[dict[str, float], float]:
         """Return values and cost of the best fit with the parameters `names` free.
 
-        The values are {} if the scene's are about as good as the best grid point, or if
-        no values explain the data. If `coarse`, the stiffness of the grid is that of
-        the line.
+        There are no values if the scene's are about as good as the best grid point, or
+        none explain the data. If `coarse`, the stiffness of the grid is that of the
+        line.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
         centre = {name: each[len(each) // 2] for name, each in tried.items()}

@@ -63,8 +63,8 @@ def doubtful_effects(
     """Return the effects of the model whose size may be 0, given all others.
 
     The joint confidence interval of their sizes contains 0 (F distribution).
-    `covariance` of the fitted parameters `x` is (parameters, parameters); `freedom`
-    (parameters,) are its degrees of freedom.
+    `covariance` (parameters, parameters) of the fit has `freedom` (parameters,) degrees
+    of freedom.
     """
     from scipy.special import fdtri
 
@@ -167,11 +167,10 @@ def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
-    Sensor noise makes B. Trials that disagree scale it by factors f_k, to f_k B_kk on
-    the diagonal, known with few degrees of freedom; errors of form add their
-    covariance, see `form_error`. The degrees of freedom are those of the trials over
-    the square of their share of the variance (Satterthwaite, Biometrics Bulletin 2,
-    1946).
+    Noise makes B; trials that disagree by factors f_k make f_k B_kk of its diagonal,
+    with few degrees of freedom; `form_error` adds its covariance. The degrees of
+    freedom are over the square of the trials' share (Satterthwaite, Biometrics Bulletin
+    2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -190,11 +189,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
-    """Return value and 95 % interval by parameter.
-
-    The interval is NaN for a logarithm that is known no better than to six powers of
-    ten.
-    """
+    """Return value and 95 % interval by parameter; NaN for an interval too wide."""
     found = {}
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
@@ -248,13 +243,13 @@ def form_error(
 ) -> FloatArray:
     """Return the covariance (parameters, parameters) of a fit due to errors of form.
 
-    The controls are the changes by ordinary sizes of effects that the model lacks; Q is
-    an orthonormal basis of them. The residual is r = J b + Q c + noise, with c of
-    variance v each. A fit leaves M Q c of that, M = I - J H^-1 J^T. Its square along
-    the q directions of M Q has the mean q + v tr(Q^T M Q), which gives v (method of
-    moments, as DerSimonian and Laird, Control. Clin. Trials 7, 1986). The fit is off by
-    H^-1 J^T Q c. Along no direction is v larger than the largest control makes: a
-    larger error is a missing effect.
+    Controls are changes by ordinary sizes of effects that the model lacks; Q is their
+    orthonormal basis. The residual is r = J b + Q c + noise, c of variance v each, of
+    which a fit leaves M Q c, M = I - J H^-1 J^T. Its square along the q directions of M
+    Q has the mean q + v tr(Q^T M Q), which gives v (method of moments, as DerSimonian
+    and Laird, Control. Clin. Trials 7, 1986). The fit is off by H^-1 J^T Q c. Along no
+    direction is v larger than the largest control makes: a larger error is a missing
+    effect.
 
     `slopes` (data, parameters) are J without priors, `residual` (data,) in units of the
     noise, `spread` H^-1 with priors, `controls` (data, controls) changes by each.
@@ -315,11 +310,10 @@ def disagreement(
     """Return the moves of a least-squares fit as each part of the data is left out.
 
     With H = J^T J and H_g, s_g = J_g^T r_g of part g, the fit moves by d_g = (H -
-    H_g)^-1 s_g without it (Cook 1977); noise alone gives that move the variance (H -
-    H_g)^-1 - H^-1. The factor is the mean of d_g^2 / variance (Birge, Phys. Rev. 40,
-    1932; Hartung and Knapp, Stat. Med. 20, 2001), its degrees of freedom G^2 over the
-    sum of the squared correlations of the G moves (Bell and McCaffrey, Survey
-    Methodology 28, 2002).
+    H_g)^-1 s_g without it (Cook 1977), of which noise makes the variance (H - H_g)^-1 -
+    H^-1. The factor is the mean of d_g^2 / variance (Birge, Phys. Rev. 40, 1932;
+    Hartung and Knapp, Stat. Med. 20, 2001), its freedom G^2 over the sum of squared
+    correlations of the G moves (Bell and McCaffrey, Survey Methodology 28, 2002).
 
     `slopes` (residuals, parameters) are J, priors last, `residual` (residuals,) in
     units of the noise; `parts` (data,) number the part of each, without the priors.
@@ -353,10 +347,7 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return the number (data,) of the group of trials that each residual belongs to.
-
-    With few groups, pieces of trials are numbered instead.
-    """
+    """Return the index (data,) of each residual's group of trials; of pieces if few."""
     pairs = list(zip(records, masks, strict=True))
     groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []

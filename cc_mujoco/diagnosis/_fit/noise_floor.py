@@ -106,10 +106,7 @@ def noise_floor(
 def _cell_noise(
     base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
 ) -> FloatArray:
-    """Return the noise variance (rows, 1) of the instruments of a record [(N m)^2].
-
-    It is `base`, but in the row that a load cell on a single cable measures.
-    """
+    """Return the noise variance (rows, 1) of a record, `base` but for its load cell."""
     if (cell := record.load_cell) is None:
         return base
     found = base.copy()
@@ -124,9 +121,9 @@ def _cell_noise(
 def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArray:
     """Return the variance (rows,) between repetitions beyond `noise` [(N m)^2].
 
-    Repetitions of the residuals are compared, as a servo never repeats a motion
-    exactly. The variance is at most that of the readings, as a wrong model turns a
-    small difference of angle into newtons.
+    Residuals are compared, as a servo never repeats a motion exactly. It is at most
+    that of the readings, as a wrong model turns a small difference of angle into
+    newtons.
     """
     names, found = plant.instruments.channels, []
     for torques in clean, [np.zeros(torque.shape) for torque in clean]:

@@ -80,10 +80,9 @@ class TorqueDerivatives:
     def of(
         self, problem: Problem, x: FloatArray, seen: Sequence[int], torques: Arrays
     ) -> list[FloatArray]:
-        """Return the derivatives (parameters, 2, samples) of each record `seen` [N m].
+        """Return the derivatives (parameters, 2, samples) of the records `seen` [N m].
 
-        `seen` are indices of records, `torques` their torques at `x`, (2, samples) each
-        [N m].
+        `torques` are those of these records at `x`, (2, samples) each [N m].
         """
         steps = []  # changes for differences, within the parameters' bounds
         for tuned, place in zip(problem.tuned, x, strict=True):
@@ -169,8 +168,7 @@ def residual_slopes(
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return residual change per torque (2, counted samples) [1/N m], and masks.
 
-    `torques` (2, samples) are those of every record with counted samples. If None,
-    Huber's loss takes no error as large.
+    If the records' `torques` are None, no error counts as large in Huber's loss.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     delta, found = Limit.huber_delta, []
@@ -189,11 +187,7 @@ def residual_slopes(
 def residual_changes(
     steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Arrays
 ) -> FloatArray:
-    """Return first-order changes (k, residuals) due to changes of torques [N m].
-
-    `steep` are the `residual_slopes`, `changes` (k, 2, samples) for every record in
-    them.
-    """
+    """Return residual changes (k, residuals) by torques (k, 2, samples) [N m]."""
     pairs = zip(changes, steep, strict=True)
     parts = [(c[:, :, mask] * each).reshape(len(c), -1) for c, (each, mask) in pairs]
     return np.concatenate(parts, axis=1)
@@ -303,9 +297,8 @@ class Problem:
     def corrected(self, x: FloatArray, seen: Sequence[int]) -> Problem:
         """Return `coarse` plus a constant, which has this model's torques at `x`.
 
-        The constant is known for the records `seen`. Elsewhere it is off by the change
-        of the numerical error only (defect correction: Stetter, Numerische Mathematik
-        29, 1978).
+        The records `seen` have it. Nearby it is off by the change of the numerical
+        error (defect correction: Stetter, Numerische Mathematik 29, 1978).
         """
         rough = self.coarse
         defect = [np.zeros(record.measured.shape) for record in self.plant.records]
@@ -520,8 +513,7 @@ def divided_samples(division: Folds) -> Masks:
 def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return two halves, alternate stretches of every record, that predict each other.
 
-    Both see every trial, for one may be the only one with slack. Trials reserved for
-    tests are in neither.
+    Both see every trial that is not reserved, as one may be the only one with slack.
     """
     halves = []
     for record in records:
@@ -536,9 +528,9 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return folds of whole trials: test on the reserved ones, or on a third in turn.
 
-    Repeats stay together and trials of a kind are spread over the folds. The only trial
-    of its kind is in every training part, as others cannot predict it. With fewer
-    groups than folds, return `interleaved_folds`.
+    Repeats stay together; trials of a kind are spread over the folds. The only one of
+    its kind is always trained on, as others cannot predict it. For few,
+    `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         free = tuple(record.free for record in records)
@@ -673,10 +665,7 @@ def block_sum_deviation(values: FloatArray) -> float:
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
-    """Return the problem with a finer simulation; None if the numerical error is small.
-
-    It is also None if the simulation may not be finer.
-    """
+    """Return the problem simulated finer; None if needless or beyond the limits."""
     plant = problem.plant
     counts = plant.segments, plant.substeps
     if 2 * counts[0] > Limit.max_cable_segments and 2 * counts[1] > Limit.max_substeps:
@@ -696,8 +685,7 @@ def refinement_change(
 ) -> tuple[float, SimulatedRig | None]:
     """Return the RMS torque change over the floor by a finer rig, and that rig.
 
-    Segments or time steps are halved, whichever changes more; the rig is None at the
-    limit.
+    Segments or steps are halved, whichever changes more; the rig is None at the limit.
     """
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]
@@ -737,10 +725,7 @@ def predicted(
 def gaps(
     problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
 ) -> dict[str, Gap]:
-    """Return by channel the RMS errors before and after on held-out samples.
-
-    `before` and `after` are torques (2, samples) of every record [N m].
-    """
+    """Return the `Gap` of each channel on the held-out samples of a division."""
     records = problem.plant.records
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]
@@ -773,10 +758,7 @@ def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
 
 
 def _closed_share(old: float, new: float, floor: float) -> float:
-    """Return the removed share of RMS error beyond the floor; NaN without any.
-
-    The arguments are mean squares.
-    """
+    """Return the removed share of RMS error over the floor, of mean squares, or NaN."""
     if old <= 1.02 * floor:
         return math.nan
     before, after, least = (math.sqrt(square) for square in (old, new, floor))

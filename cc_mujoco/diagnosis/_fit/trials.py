@@ -230,10 +230,7 @@ def _leave_out(
 def _best_own_constant(
     problem: Problem, x: FloatArray, places: list[int], names: Sequence[str]
 ) -> tuple[float, str]:
-    """Return the error over noise with the best of these constants, and it in words.
-
-    `places` are indices of the trial's records, `names` the constants to vary.
-    """
+    """Return the error over noise with the best constant of a trial, and its words."""
     from scipy.optimize import minimize_scalar
 
     values = problem.values(x)
@@ -409,8 +406,8 @@ def trial_step(found: TrialConstants) -> Trend:
 def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
     """Test a trend by weighted regression with Student's t (Hartung and Knapp 2001).
 
-    `change` at the ordinate `at` has the standard error `error`, (trials,) each. Trials
-    may scatter by more than that (DerSimonian and Laird 1986).
+    Trials may scatter beyond the standard `error` (trials,) (DerSimonian and Laird
+    1986).
     """
     from scipy.stats import t as student
 
@@ -440,8 +437,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 class _ByTrial:
     """Fitted model and its derivatives, for fits of single parameters by trial.
 
-    `group` is the attribute of records that names a trial, or an occasion. Trials with
-    the cables taken off count only if `unhooked`.
+    `group` names what counts as a trial; those with cables off count if `unhooked`.
     """
 
     def __init__(
@@ -570,7 +566,6 @@ class _OneByTrial:
         )
 
     def _design(self, slopes: FloatArray) -> FloatArray:
-        """Return derivatives by shared parameters and trials (rows, unknowns)."""
         own = np.zeros((len(slopes), len(self._model.trials)))
         own[np.arange(len(slopes)), self._model.rows] = slopes[:, self._index]
         return np.concatenate([np.delete(slopes, self._index, axis=1), own], axis=1)
@@ -591,7 +586,6 @@ class _OneByTrial:
         return np.asarray(-np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size)
 
     def _simulated(self, place: FloatArray) -> list[FloatArray]:
-        """Return torques of the compared records, each with its trial's value."""
         model, count = self._model, len(self._model.trials)
         shared = model.x + np.insert(place[:-count], self._index, 0.0)
         found: dict[int, FloatArray] = {}
@@ -643,11 +637,7 @@ class TrialDifferences(NamedTuple):
         return ""
 
     def described(self, worst: str) -> list[tuple[str, Where]]:
-        """Return a short and a full description of the constant that differs most.
-
-        `worst` is the channel named in the full one. The list is empty if none explains
-        enough.
-        """
+        """Return a short and a full description of the constant that differs most."""
         able = [each for each in self.constants if each.share >= Limit.min_trend_share]
         if not able:
             return []
@@ -756,10 +746,7 @@ def compare_occasions(
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change of a parameter since an occasion, and the same in words.
-
-    `earlier` is the estimate of the parameter there, relative to the last occasion.
-    """
+    """Return the change since an `earlier` occasion, and the same in words."""
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:

@@ -117,8 +117,8 @@ def strokes_of(
 ) -> list[Stroke]:
     """Return the strokes of a recording without gaps; rests are left out.
 
-    `angle` of the joint [rad], `ideal`, its torque without loss, and measured `torque`
-    [N m] are (samples,), every `step` [s]. `speed_noise` is the deviation of the speed
+    `angle` of the joint [rad], `ideal` torque without loss, and measured `torque` [N m]
+    are (samples,), every `step` [s]; `speed_noise` is the deviation of the speed
     [rad/s].
     """
     speed = velocity(angle, step)
@@ -174,9 +174,8 @@ class _Law(NamedTuple):
     def solve(self, weights: FloatArray) -> FloatArray:
         """Return the coefficients (draws, 6) for block weights (draws, blocks).
 
-        Drag and inertia are 0 if not fitted. Other coefficients that are not fitted, or
-        that a draw does not determine (say without a load that drives the motor), are
-        NaN.
+        Drag and inertia are 0 if not fitted. Other coefficients not fitted or not
+        determined by a draw, say without a load that drives the motor, are NaN.
         """
         squares = np.tensordot(weights, self.squares, 1)
         products = (weights @ self.products)[..., None]
@@ -189,7 +188,6 @@ class _Law(NamedTuple):
         return found
 
     def best(self) -> FloatArray:
-        """Return the coefficients (1, 6) with all blocks weighted equally."""
         return self.solve(np.ones((1, len(self.blocks))))
 
     @property
@@ -310,10 +308,7 @@ _UNITS |= {f"load_independent_{way}": "N m" for way in ("positive", "negative")}
 def _derived(
     found: FloatArray, law: _Law, weights: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Return the physical quantities (draws,) of coefficients (draws, 6).
-
-    `weights` (draws, blocks) are those of the draws; None if all are 1.
-    """
+    """Return the physical quantities (draws,) of coefficients (draws, 6), by name."""
     values: dict[str, FloatArray] = {}
     known = set(law.active.tolist())
     if {DRIVING, DRIVEN} <= known:
@@ -430,8 +425,7 @@ class _Profile(NamedTuple):
 def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, float]:
     """Return the largest relative excess of the loss, and its travel [rad].
 
-    One half of the reversals chooses the bin and the other evaluates it, then vice
-    versa.
+    Half of the reversals choose the bin and the others evaluate it, then vice versa.
     """
     count = len(profile.excess)
     if count < Limit.min_reversals:
@@ -579,7 +573,6 @@ def _strokes(place: int, trial: Trial, dataset: Dataset, bench: Bench) -> list[S
 
 
 def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, float]:
-    """Return the noise of the torque without loss, and of the joint's [N m]."""
     rate = min((trial.rate for trial in trials), default=1.0)
     passed = math.sqrt(min(1.0, 2.0 * compared_band(rate) / rate))
     known = [dataset.noise.get(name) for name in (MOTOR_TORQUE, JOINT_TORQUE)]

@@ -500,9 +500,8 @@ def separates_rivals(
 ) -> bool:
     """Return whether one more trial would end the tie of two effects.
 
-    `true` is the index of the true effect, `made` (rows, samples) its change of the
-    torques in the trial, `left` (rows, samples) the error of the other one, fitted
-    again, both over the floor.
+    `true` is the index of the true effect, `made` (rows, samples) its change of torque
+    over the floor, `left` (rows, samples) the error of the other one, fitted again.
     """
     model, other = rivals.models[true], rivals.models[1 - true]
     names = rivals.ids[true], rivals.ids[1 - true]
@@ -551,10 +550,7 @@ def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
 def motion_record(
     motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
-    """Return a motion as a record of `rows` torques that are 0.
-
-    Its pretension is `tension` [N] times that of the motion.
-    """
+    """Return a motion as a record of `rows` torques, all 0, at a `tension` [N]."""
     size = min(motion.motor.size, motion.joint.size)
     angles = np.array([motion.motor[:size], motion.joint[:size]])
     pretension = tension * motion.pretension

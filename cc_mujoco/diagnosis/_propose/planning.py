@@ -173,10 +173,7 @@ def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
 def _gram_matrices(
     problem: Problem, x: FloatArray, ids: Sequence[str]
 ) -> tuple[list[FloatArray], list[tuple[str, float]]]:
-    """Return the Gram matrix of each record, and effect and size by its columns.
-
-    The baseline's parameters come first, then the sizes of the effects `ids`.
-    """
+    """Return the Gram matrix of each record, and effect and size of its columns."""
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)

@@ -1,18 +1,17 @@
 """Trials made ready for comparison: one clock, one band, a run-in that does not count.
 
 Measured and simulated torques pass the same zero-phase low-pass. Angles, the inputs of
-the simulation, keep a wider band, as friction responds to the corners of a motion.
-Where they move by less than a few deviations of their noise they are held, as noise
-would shake a sticking cable loose.
+the simulation, keep a wider band, as friction responds to the corners of a motion. They
+are held where they move by less than a few deviations of noise, which would shake a
+sticking cable loose.
 
 The state of the cable before a trial is unknown. So a lead-in moves from rest in
 pretension to the first sample, and samples do not count until the motor has moved the
 whole cable. A torque that no sensor measures may follow from a declared load.
 
-A replay simulates the cables along the angles of a record. Records are replayed
-independently, each in a thread. The key of a cached replay is everything that acts on
-the cables, so candidates, folds and derivatives share it; changes of sensors or outer
-loads need no replay.
+A replay simulates the cables along a record's angles, each record in a thread. The key
+of a cached replay is everything that acts on the cables, so candidates, folds and
+derivatives share it; changes of sensors or outer loads need no replay.
 """
 
 from __future__ import annotations
@@ -341,9 +340,9 @@ def _record(
 def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle (samples,) without movements smaller than `width` [rad].
 
-    An angle that follows it with play is taken forwards and backwards in time; their
-    mean has no lag and is constant under noise. At a turn the play is added back, as
-    friction responds to the true turn.
+    It is followed with play forwards and backwards in time, whose mean has no lag and
+    stands still under noise. At a turn the play is added back, as friction responds
+    there.
     """
     if width == 0.0:
         return angle
@@ -476,8 +475,7 @@ def replay(record: Record, setting: Setting) -> Played:
 def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) -> Driven:
     """Replay both angles through cables on a drum whose radius changes.
 
-    A round pulley that winds the same length of cable replaces the drum. Its angle
-    differs for each cable, so both are replayed twice.
+    A round pulley that winds as much replaces it, at another angle for each cable.
     """
     if setting.backlash or any(c.eccentricity or c.ovality for c in setting.cables):
         raise CableError(
@@ -511,11 +509,10 @@ def with_lead_in(
     following: Callable[[FloatArray], FloatArray],
     substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return both angles (samples,), interpolated and with a lead-in before.
+    """Return both angles, `substeps` per sample, after a lead-in from rest at 0.
 
-    There are `substeps` per sample. From the pose 0 in pretension the lead-in takes
-    both ends to the joint's first angle, then the motor to its own; `following` is the
-    motor angle that keeps the cables' length.
+    It takes both ends to the joint's first angle, then the motor to its own;
+    `following` is the motor angle that keeps the cables' length.
     """
     count = Limit.ramp_samples
     there = np.linspace(0.0, 1.0, count + 1) * joint[0]

@@ -403,10 +403,7 @@ def _play(
     angles: FloatArray,
     more: int,
 ) -> FloatArray:
-    """Return the torques (2, samples + more) along `angles` (joints, samples) [N m].
-
-    The last angles are held for `more` samples, as sensors may be late.
-    """
+    """Return torques (2, samples + more) [N m] along angles; the last ones are held."""
     model.opt.timestep = dt / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     joints = list(view.joints)
@@ -529,8 +526,7 @@ def _instrumented_model(
 ) -> tuple[MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    A scene with a lever has no instruments: return it without the cables of other axes,
-    and its bench, else None.
+    With a lever it has none; other axes' cables are removed and its bench returned.
     """
     if isinstance(scene, MjSpec):
         return scene.copy().compile(), None

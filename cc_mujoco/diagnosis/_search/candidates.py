@@ -390,10 +390,7 @@ def rejection_reason(crossed: CrossValidation, name: str, gain: float, z: float)
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
-    """Return the round that adds the best acceptable candidate.
-
-    It sorts `candidates` by their reduction of the error.
-    """
+    """Return the round that adds the best acceptable candidate; sort `candidates`."""
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:
@@ -447,10 +444,9 @@ def tie_reason(
 def parted_by_form(
     now: CrossValidation, best: CrossValidation, other: CrossValidation
 ) -> bool:
-    """Return whether two effects differ by no more than errors of form.
+    """Return whether two effects differ by at most errors of form, in every trial.
 
-    This holds if it does in every trial. Such a difference may be significant: a spring
-    may soften, and pull like a weight.
+    Such a difference may be significant: a spring may soften, and pull like a weight.
     """
     sums: dict[str, FloatArray] = {}
     for place, record in enumerate(now.problem.plant.records):
@@ -464,10 +460,7 @@ def parted_by_form(
 
 
 def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
-    """Return the share of block bootstraps in which `name` has the least error.
-
-    `sums` has squared errors (blocks,) by candidate.
-    """
+    """Return the share of block bootstraps of `sums` (blocks,) in which `name` wins."""
     random = np.random.default_rng(seed)
     table = np.array(list(sums.values()))
     place = list(sums).index(name)

@@ -42,10 +42,7 @@ from cc_mujoco.native import FloatArray
 def gap_shares(
     baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
-    """Return the share of explained error that returns without each effect.
-
-    The models fitted for it are appended to `known`.
-    """
+    """Return the share of error that returns without each effect; extend `known`."""
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
@@ -56,10 +53,7 @@ def gap_shares(
 
 
 def eliminate(now: CrossValidation, known: list[CrossValidation]) -> CrossValidation:
-    """Return the model without effects that later ones have made redundant.
-
-    The models fitted for it are appended to `known`.
-    """
+    """Return the model without redundant earlier effects; append fits to `known`."""
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
         earlier = now.problem.effects[:-1]
@@ -137,10 +131,7 @@ def search(
 def names_found(
     baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
-    """Return the effects, each with its ties, found in a part of the data.
-
-    `whole` is the search in all data.
-    """
+    """Return the effects, with ties, that part of the `whole` search's data shows."""
     course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
@@ -343,11 +334,11 @@ def search_rare(
 def with_own_noise_floor(
     crossed: CrossValidation, whole: Search | None = None
 ) -> CrossValidation:
-    """Return the model with the floor and weight of its own errors.
+    """Return the model with floor and weight of its own errors, simulated finely.
 
-    It is simulated finely enough for them. With the floor of a much worse model, priors
-    would outweigh the data. The floor is updated while each refit halves it, or taken
-    from the `whole` search, if that has the same model.
+    With a much worse model's floor priors would outweigh the data. The floor is updated
+    while a refit halves it, or taken from the `whole` search if that has the same
+    model.
     """
     division = crossed.division
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
@@ -397,10 +388,7 @@ def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
 def _unrefitted_lookalikes(
     signatures: Sequence[Signature], candidates: Sequence[Candidate]
 ) -> list[Signature]:
-    """Return effects confusable with the best candidate but not yet refitted.
-
-    Screening may rank them wrongly.
-    """
+    """Return effects confusable with the best candidate that were not refitted yet."""
     leader = max(candidates, key=lambda candidate: candidate.reduction)
     if leader.reduction < Limit.min_reduction:
         return []
@@ -486,11 +474,10 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, progress: Progress
 ) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
-    """Return the model without effects whose interval contains 0.
+    """Return the model without effects whose interval contains 0, its x, covariance.
 
-    With it come its parameter vector, covariance and held-out predictions. The effect
-    whose removal costs least goes first. All go if the held-out data do not support
-    them.
+    The effect whose removal costs least goes first. All go if the held-out data, which
+    are returned as predicted, do not support them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -653,7 +640,7 @@ def count_votes(
 def split_trials(records: Sequence[Record]) -> list[Masks]:
     """Return four halves of the free trials: first, last, odd and even ones.
 
-    Names usually follow load and speed; repetitions stay together. Only the tilt
+    Names usually follow load and speed; repetitions stay together. Only tilt
     distinguishes a weight from a spring, so a half without trials of a tilt gets them
     all.
     """

@@ -429,10 +429,7 @@ JOINT_DELAY = "joint_delay"
 
 
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
-    """Return the signal (samples,), every `dt` [s], `by` seconds later.
-
-    It is interpolated linearly; the first value fills the start.
-    """
+    """Return a signal `by` seconds later, interpolated; its first value is held."""
     at = np.arange(signal.size) * dt
     return np.asarray(np.interp(at - by, at, signal))
 

@@ -39,13 +39,13 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import ArrayLog, measure
-from cc_mujoco.metrics._metric import Key, Test
-from cc_mujoco.metrics._torque import (
+from cc_mujoco.metrics._formulas import (
     CHIRP_HIGH,
     CHIRP_LOW,
     SWING_PERIODS,
     first_unsafe_sample,
 )
+from cc_mujoco.metrics._metric import Key, Test
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
 Array = NDArray[np.float64]

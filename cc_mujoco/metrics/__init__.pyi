@@ -1,3 +1,4 @@
+from ._formulas import first_unsafe_sample as first_unsafe_sample
 from ._metric import ArrayLog as ArrayLog
 from ._metric import LogLike as LogLike
 from ._metric import Metric as Metric
@@ -8,4 +9,3 @@ from ._registry import measure as measure
 from ._registry import measure_axes as measure_axes
 from ._registry import metric_key as metric_key
 from ._registry import user_metrics as user_metrics
-from ._torque import first_unsafe_sample as first_unsafe_sample

@@ -27,7 +27,7 @@ from cc_mujoco._utils.user_code import named_object, user_errors
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Pace
 from cc_mujoco.human._gait import GAIT_MOMENTS, GaitJoint
-from cc_mujoco.metrics import _torque as torque
+from cc_mujoco.metrics import _formulas as torque
 from cc_mujoco.metrics._metric import (
     Array,
     Better,

@@ -14,8 +14,8 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._controller import SteppedController
 from cc_mujoco.control._registry import AxesController
 from cc_mujoco.device import Axis, Description
+from cc_mujoco.metrics._formulas import MAX_UNSAFE_TIME, is_unstable
 from cc_mujoco.metrics._metric import LogLike
-from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, is_unstable
 from cc_mujoco.simulation._episode_log import EpisodeLog
 
 

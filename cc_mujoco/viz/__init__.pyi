@@ -4,8 +4,8 @@ from ._episode_files import EPISODE_FILES as EPISODE_FILES
 from ._episode_files import PAGE_FILE as PAGE_FILE
 from ._episode_files import require_ours as require_ours
 from ._episode_files import write_episode as write_episode
+from ._film_plots import highest_tension as highest_tension
 from ._offscreen_renderer import OffscreenRenderer as OffscreenRenderer
-from ._panels import highest_tension as highest_tension
 from ._summary import draw_summary as draw_summary
 from ._summary import write_summary as write_summary
 from ._web_page import require_page as require_page

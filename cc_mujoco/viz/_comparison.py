@@ -15,8 +15,8 @@ import rerun.blueprint as rrb
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report._figures import figure, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.viz._axis import axis_limits, plot
-from cc_mujoco.viz._panels import draw_lines, highest_tension, tensions
+from cc_mujoco.viz._film_plots import draw_lines, highest_tension, tensions
+from cc_mujoco.viz._plot_axes import axis_limits, plot
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
 from cc_mujoco.viz._rerun_plots import line_values, playing, scene_view
 from cc_mujoco.viz._scene3d import Branch

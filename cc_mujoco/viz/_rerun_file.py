@@ -34,7 +34,12 @@ from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
 from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines, tension_colors
-from cc_mujoco.viz._panels import MAX_SAMPLES, frame_rate, frame_slices, highest_tension
+from cc_mujoco.viz._film_plots import (
+    MAX_SAMPLES,
+    frame_rate,
+    frame_slices,
+    highest_tension,
+)
 from cc_mujoco.viz._rerun_plots import ORANGE, PURPLE, SKY, blueprint, plotted_series
 from cc_mujoco.viz._scene3d import WORLD, Branch, log_motion, log_static, log_tendons
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.metrics._metric import Key, driven_cables
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.viz._axis import plot, time_axis
+from cc_mujoco.viz._plot_axes import plot, time_axis
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
 
 # Okabe and Ito's colours, as in the summary figure.

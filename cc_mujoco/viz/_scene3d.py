@@ -17,7 +17,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.viz._panels import frame_slices
+from cc_mujoco.viz._film_plots import frame_slices
 
 
 @dataclass(frozen=True)

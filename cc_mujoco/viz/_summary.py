@@ -13,7 +13,7 @@ from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
-from cc_mujoco.viz._panels import MAX_SAMPLES, PlotLine, axis_angles, draw_lines
+from cc_mujoco.viz._film_plots import MAX_SAMPLES, PlotLine, axis_angles, draw_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

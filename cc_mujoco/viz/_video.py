@@ -22,10 +22,10 @@ from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._figures import GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz import _film_plots as panels
 from cc_mujoco.viz import _offscreen_renderer as offscreen
-from cc_mujoco.viz import _panels as panels
-from cc_mujoco.viz._axis import axis_limits
-from cc_mujoco.viz._panels import FRAME_RATE, draw_lines, highest_tension
+from cc_mujoco.viz._film_plots import FRAME_RATE, draw_lines, highest_tension
+from cc_mujoco.viz._plot_axes import axis_limits
 from cc_mujoco.viz._summary import episode_title
 
 if TYPE_CHECKING:

@@ -29,10 +29,10 @@ from cc_mujoco.metrics._metric import value_text
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import TENSION_COLORS
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.viz import _panels as plots
-from cc_mujoco.viz._axis import axis_limits
+from cc_mujoco.viz import _film_plots as plots
 from cc_mujoco.viz._cable_lines import SLACK_COLOR
-from cc_mujoco.viz._panels import FRAME_RATE, MAX_SAMPLES, Panel, highest_tension
+from cc_mujoco.viz._film_plots import FRAME_RATE, MAX_SAMPLES, Panel, highest_tension
+from cc_mujoco.viz._plot_axes import axis_limits
 from cc_mujoco.viz._summary import episode_title
 from cc_mujoco.viz._web_scene import encode_array, web_scene
 

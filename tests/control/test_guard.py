@@ -45,7 +45,7 @@ from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED
 from cc_mujoco.metrics import first_unsafe_sample
-from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
+from cc_mujoco.metrics._formulas import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Batch, WornDevice
 from control.devices import kept, pull_pull, single
 from control.rigs import ANKLE, HANDLE, KNEE, Believed, Ride, Truth, ride

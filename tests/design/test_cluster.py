@@ -202,7 +202,7 @@ def other_code(tmp_path: Path) -> Path:
     home = tmp_path / "other"
     for name in ("cc_mujoco", "envs", "assets"):
         shutil.copytree(HOME / name, home / name)
-    path = home / "cc_mujoco" / "metrics" / "_torque.py"
+    path = home / "cc_mujoco" / "metrics" / "_formulas.py"
     text = path.read_text()
     path.write_text(text.replace("return error", "return 2.0 * error", 1))
     assert path.read_text() != text

@@ -14,7 +14,7 @@ from cc_mujoco.design import study
 from cc_mujoco.design._evaluation import CHIRP_TIME, SWING_TIME, ChirpTorque
 from cc_mujoco.design._protocol import DEFAULT_METRICS
 from cc_mujoco.metrics import METRICS, ArrayLog
-from cc_mujoco.metrics._torque import (
+from cc_mujoco.metrics._formulas import (
     CHIRP_HIGH,
     CHIRP_LOW,
     SWING_PERIODS,

@@ -16,8 +16,8 @@ from cc_mujoco.control import CONTROLLERS, controller
 from cc_mujoco.control._controller import SteppedController
 from cc_mujoco.control._registry import law_drives
 from cc_mujoco.device import Plant, find_device
+from cc_mujoco.metrics._formulas import is_unstable
 from cc_mujoco.metrics._metric import ArrayLog
-from cc_mujoco.metrics._torque import is_unstable
 from cc_mujoco.simulation import EpisodeLog, columns_for
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._episode_findings import Guards, episode_findings

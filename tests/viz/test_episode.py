@@ -14,8 +14,8 @@ from cc_mujoco.control import External, controller
 from cc_mujoco.device import PERFECT_SENSING, TENSION_COLUMN
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
+from cc_mujoco.metrics._formulas import efficiency
 from cc_mujoco.metrics._metric import Key
-from cc_mujoco.metrics._torque import efficiency
 from cc_mujoco.simulation import play
 from cc_mujoco.simulation._log_columns import MODEL_XML
 

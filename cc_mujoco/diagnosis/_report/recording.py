@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis._verdict import MODELS, Evidence, Map, TrialTrace
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK
-from cc_mujoco.viz._axis import plot
+from cc_mujoco.viz._plot_axes import plot
 from cc_mujoco.viz._rerun_file import recording
 
 TIMELINE = "trial_time"

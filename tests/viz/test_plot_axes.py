@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rerun.blueprint import Corner2D
 
-from cc_mujoco.viz._axis import axis_limits, plot, time_axis
+from cc_mujoco.viz._plot_axes import axis_limits, plot, time_axis
 
 TIME = np.linspace(5.0, 8.0, 3001)
 

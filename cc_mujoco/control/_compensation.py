@@ -1,7 +1,7 @@
 r"""Motor torque that makes a desired joint torque through friction, compiled.
 
-Which distal tensions make the desired torque? One cable leaves no choice. Of two that
-pull against each other, motor and joint can only exchange length: with the arms \(f_i\)
+The distal tension of a single cable follows from the desired torque. Two that pull
+against each other can only exchange length with the motor: with the arms \(f_i\)
 at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch of cable
 i and \(s_i^0\) that of the pretension. While a cable slips as a whole its stretch is in
 proportion to its distal tension, so the torque follows from that one number, piecewise
@@ -25,7 +25,7 @@ _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 
 class Model(NamedTuple):
-    """Model that follows the cables of one device."""
+    """Cables of one device in a controller: parameters, state and scratch."""
 
     cables: Cables
     state: FloatMatrix  # (cables, numbers)

@@ -193,7 +193,7 @@ def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray
 
 @internal
 def step(place: int, data: LawData) -> float:
-    """Return the motor torque of a law's next step [N m]; `place` is its in `STEPS`."""
+    """Return the motor torque of a law's next step [N m]; `place` indexes `STEPS`."""
     if place == 0:
         return law_steps.step_forward(data)
     if place == 1:

@@ -255,10 +255,11 @@ class TunedFeedback(ProportionalIntegral):
     friction_share = 0.0
     """Share of the friction of slipping cables that is fed forward."""
     slip_speed = 0.3
-    """Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
+    """Speed of the joint at which the sense of slip is nearly certain [rad/s]."""
     single_dead_sigmas = 6.0
-    """Error at no desired torque that a single cable does not answer, in standard
-    deviations of the torque sensor: three times those of its bias in the benchmark."""
+    """Dead zone of a single cable at no desired torque, in standard deviations of the
+    torque sensor: three times those of its bias in the benchmark.
+    """
 
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.

@@ -662,9 +662,10 @@ def _is_too_fast(own: Guarded) -> bool:
 
 @compiled
 def state(own: Guarded, ahead: float, planned: float) -> float:
-    """Return the state of the guard after `admit`.
+    """Return the state of the guard after `admit`, one of `FREE` to `LIMP`.
 
-    The motor runs `ahead` of the joint [rad/s], where `planned` is desired [N m].
+    The motor is faster than the joint by `ahead` [rad/s]; `planned` is the desired
+    torque [N m].
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] >= STOPPED:
@@ -693,10 +694,7 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
 
 @internal
 def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the phase of the rotor's oscillation during the delay of the motor [rad].
-
-    It is 0 if stiffness or inertia is not known, or the delay is 0.
-    """
+    """Return the phase of the rotor's oscillation in a delay [rad], 0 if unknown."""
     if not limits.inertia * spring[STIFFNESS] > 0.0:
         return 0.0
     frequency = np.sqrt(spring[STIFFNESS] / limits.inertia) / abs(limits.ratio)

@@ -328,10 +328,7 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
 
 @internal
 def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
-    """Return 1 + the index of an unguarded reading out of range, 0 if there is none.
-
-    `guarded` is 1 for every reading that a guard checks itself.
-    """
+    """Return 1 + the index of an unguarded reading out of range, 0 if there is none."""
     for i in range(count):
         if guarded[i] == 0 and not guard.is_reading(readings[i]):
             return i + 1

@@ -46,10 +46,7 @@ def replace_by_mean_torque(planner: Planner) -> None:
 
 @internal
 def _smooth(memory: FloatArray, first: int, seen: float, tune: FloatArray) -> None:
-    """Update value, rate and acceleration (per step) by the reading one step later.
-
-    They are three numbers of the memory from `first` on.
-    """
+    """Update value, rate and acceleration, from `first` on, by the next reading."""
     memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
     memory[first + 1] += memory[first + 2]
     off = seen - memory[first]
@@ -250,7 +247,7 @@ def _find_joint_angle(
 
 @internal
 def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
-    """Advance the observers of the rotor; choose the delay whose one errs least."""
+    """Advance the observers of the rotor; choose the delay that errs least."""
     memory, rotors, applied = planner.memory, planner.rotors, planner.applied
     believed, best, errors = int(memory[at.BELIEVED_DELAY]), 0, at.OBSERVER_ERROR
     # The gain is the same for all, or the quickest would win.
@@ -302,10 +299,7 @@ def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> flo
 def _update_observer(
     rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
 ) -> None:
-    """Advance an observer of the rotor by one step, with the measured angle [rad].
-
-    `force` is the torque on the rotor [N m], `unexplained` the gain of its error.
-    """
+    """Advance an observer of the rotor by a step under a torque `force` [N m]."""
     dt, inertia = tune[at.PERIOD], tune[at.INERTIA]
     force += rotor[at.DISTURBANCE] - tune[at.DAMPING] * rotor[at.VELOCITY]
     gained = dt * force / inertia
@@ -321,7 +315,7 @@ def _update_observer(
 
 @internal
 def learn(planner: Planner, state: FloatMatrix) -> None:
-    """Adapt friction and bias to the torque on the rotor that the model leaves.
+    """Adapt friction and sensor bias to the unexplained torque on the rotor.
 
     While all segments slip, the motor's load changes with the logarithm of the friction
     of each cable by r T mu phi, with the tension T at the motor and the sign of the

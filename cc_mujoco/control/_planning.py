@@ -66,10 +66,7 @@ def command_for_torque(before: float, wanted: float, tune: FloatArray) -> float:
 
 @internal
 def is_within(planner: Planner, push: FloatArray, load: float) -> bool:
-    """Return whether the motor can follow a plan within the rate limit of its command.
-
-    `push` are its accelerations [rad/s^2], `load` is the cables' torque now [N m].
-    """
+    """Return whether the command's rate limit lets the motor follow a plan `push`."""
     tune, ahead, path = planner.tune, planner.ahead, planner.path
     last, lasting, before = ahead[at.ANGLE], load, ahead[at.COMMAND]
     torque = ahead[at.MOTOR_TORQUE]
@@ -214,10 +211,7 @@ def _newton_step(
 
 @internal
 def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
-    """Advance `ahead` and `present` of `planner` over past torques `applied` [N m].
-
-    `joint` and the result are the model's joint angle before and after [rad].
-    """
+    """Advance `ahead` and `present` by past torques; return the model's joint [rad]."""
     cables, state, new = planner.cables, planner.present, planner.new
     tune, ahead, dt = planner.tune, planner.ahead, planner.tune[at.PERIOD]
     for k in range(applied.size):

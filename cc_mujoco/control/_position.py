@@ -375,10 +375,7 @@ def require_cables(drive: Drive) -> None:
 
 
 class _CableCourses:
-    """Model of the cables with the methods of a `HysteresisModel`.
-
-    Its state is a `CableCourse` for each environment.
-    """
+    """Cables as a `HysteresisModel` whose state is a `CableCourse` for each row."""
 
     def __init__(self, drive: Drive, parameters: CableParameters) -> None:
         self._cables, self._parameters = drive.cables, parameters

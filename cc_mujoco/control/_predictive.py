@@ -36,13 +36,13 @@ class PredictiveCompensation(SteppedController):
     The cables have no mass, so the angles of motor and joint alone say what torque they
     make; and it grows with the motor's angle. In every control step
 
-    1. an observer brings model, rotor and motion to when the measurements were taken,
-       and finds how late they are by which of the torques moved the rotor so;
-    2. the kernel rolls them on over the delay, with the torques applied meanwhile;
+    1. an observer updates model, rotor and motion to the time of the measurements, and
+       finds their delay: the one whose past torque explains the rotor's motion best;
+    2. the kernel predicts them over the delay, with the torques applied meanwhile;
     3. the joint and the desired torque are extrapolated over a short horizon, the joint
-       as if it gave way a little to a torque that is not yet as desired, and the
-       kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
-       desired torque, if the motor only turns on in its present direction;
+       as if a missing torque moved it a little, and the kernel finds for each knot the
+       angle \(\theta^*_i\) of the motor that makes the desired torque, if the motor
+       does not change its direction;
     4. the accelerations \(a_i\) of the motor minimise
 
        \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4} a_i^2 \]
@@ -75,13 +75,13 @@ class PredictiveCompensation(SteppedController):
 
     A second model, whose friction builds up over a small motion on `bristles`, follows
     the same measurements. A model errs at the joint, by the torque of the next step,
-    and at the rotor, by the torque that it does not explain. Where the product of both
-    mean squares is a tenth of the other model's, 1 to 6 plan with bristles, until it is
-    the larger: with friction at once a plan would cross a backlash that is not
-    there, and swing. The joint alone does not decide, for every step corrects both
-    models there. The choice between models by their errors is that of D. Magill,
-    "Optimal adaptive estimation of sampled stochastic processes", IEEE Trans. Automatic
-    Control 10, 1965.
+    and at the rotor, by the torque that it does not explain. If the product of both
+    mean squared errors is below a tenth of the first model's, plans are made with
+    bristles, until it is the larger one: with friction that acts at once a plan would
+    cross a backlash that does not exist, and oscillate. The joint alone does not
+    decide, as every step corrects both models there. The choice by their errors is that
+    of D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
+    Trans. Automatic Control 10, 1965.
 
     Friction that falls with speed (Stribeck) or after a rest (ageing; with bristles,
     break-away) is left out of both models. Its feed-forward would release more torque
@@ -132,9 +132,8 @@ class PredictiveCompensation(SteppedController):
         Args:
             drive: The device to be driven; its `cables` and the motor's inertia
                 must be known.
-            bandwidth: omega_c of the plan [rad/s]; where measurements are late never
-                more than 1.5 / delay. By default 300 for a pair of cables and 200 for a
-                single one, whose motor would spend more on it than it gains.
+            bandwidth: omega_c of the plan [rad/s]; at most 1.5 / delay. By default 300
+                for a pair of cables and 200 for a single one.
             horizon: Horizon of the plan [s].
             knots: Number of knots of the plan.
             rotor: Bandwidth of the observer of the rotor [rad/s]; by default 900 for a
@@ -150,31 +149,30 @@ class PredictiveCompensation(SteppedController):
             zeroing: Rate at which the bias of the torque sensor is learned where
                 friction leaves no doubt of it [1/s]; at most twelve of its standard
                 deviations.
-            latest: Longest delay of measurements that is looked for [s]; the drive's
-                own is where it begins.
+            latest: Longest delay of measurements that is considered [s]; the search
+                begins at the drive's own.
             damper: Strongest damper at the joint that spends energy, over the stiffness
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
                 cables and for one that passes joints of other axes, which swing
-                together, and 0.001 for another, whose errors over a profile that gives
-                energy give some, too.
-            yielding: Time for which the torque that the joint lacks speeds up its own
-                inertia once it is there [s]; 0 is a joint whose motion is prescribed.
-                A few times as much makes the loop unstable where a hand holds the
-                joint loosely.
+                together, and 0.001 for another: if the desired torque itself gives
+                energy, errors of that torque seem to be a surplus.
+            yielding: Time for which a missing torque, once it arrives, is expected to
+                accelerate the joint's own inertia [s]; 0 is a joint whose motion is
+                prescribed. A few times as much makes the loop unstable if a hand holds
+                the joint loosely.
             tolerance: Tolerance of the torque that a knot of the plan makes, in
                 standard deviations of the torque sensor. By default 0.5 for a pair of
-                cables and 2 for a single one, which else turns back for less than its
-                motor spends on the turn.
+                cables and 2 for a single one, which would otherwise reverse for too
+                little gain.
             bristles: Motion of the joint over which friction builds up in a second
-                model [rad], with which is planned where it explains joint and rotor
-                better; 0 is no such model. A model that has bristles itself has no
-                second one.
+                model [rad], which plans use if it explains joint and rotor better; 0 is
+                no such model. A model that has bristles itself has no second one.
             caution: Share of a crossing that the motor stops short of, and makes up
                 for within 30 ms unless the torque answers before, from 0 to 1: what
                 is crossed too far has to be crossed again. By default 0.12 for a pair
-                of cables and 0 for a single one, whose torque waits meanwhile.
-            iterations: Steps of the cables' model for the plans of a control step;
-                where they do not suffice for certain, the last plan goes on.
+                of cables and 0 for a single one, whose torque it would delay.
+            iterations: Most steps of the cables' model for the plans of a control step;
+                if a plan might need more, the last plan continues.
 
         Raises:
             CableError: If cables or inertia are not known, a number is out of range, or

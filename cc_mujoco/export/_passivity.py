@@ -116,11 +116,11 @@ class WearerEnergy(NamedTuple):
     """Energy and motion of wearers, each an array (wearers,)."""
 
     held: Array
-    """Most energy put into the joint while he held still, beyond what the virtual
-    spring gave back [J]."""
+    """Most energy put into the joint while the wearer held still, beyond what the
+    virtual spring gave back [J].
+    """
     begun: Array
-    """Most such energy from the beginning on, at rest, his own move included [J]: more
-    than all that he put in and friction took."""
+    """Most such energy since the start at rest, the wearer's own move included [J]."""
     velocity: Array  # RMS velocity of the joint while he held still [rad/s]
     stroke: Array  # range from the least to the greatest angle meanwhile [rad]
     frequency: Array

@@ -198,10 +198,7 @@ def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
 def _has_affixes(
     candidate: ffi.Bytes, wanted: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether `candidate` is `wanted` between the affixes of `name`.
-
-    These are its first `prefix` and last `suffix` bytes.
-    """
+    """Return whether `candidate` is `wanted` in that prefix and suffix of `name`."""
     end = prefix + wanted.size
     return (
         candidate.size == end + suffix
@@ -215,10 +212,7 @@ def _has_affixes(
 def _element_has_affixes(
     label: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether `label` is empty or has the first and last bytes of `name`.
-
-    `prefix` and `suffix` are the numbers of these bytes.
-    """
+    """Return whether `label` is empty or has that prefix and suffix of `name`."""
     inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
         inner > 0
@@ -238,10 +232,7 @@ def _wrap_name(model: MjModel, place: int) -> ffi.Bytes:
 def _all_have_affixes(
     model: MjModel, instance: int, tendon: int, prefix: int, suffix: int
 ) -> bool:
-    """Return whether the ends and the path of a cable have the affixes of its own name.
-
-    These are its first `prefix` and last `suffix` bytes; the path is that of `tendon`.
-    """
+    """Return whether a cable's ends and path have its name's prefix and suffix."""
     name = ffi.name(model, model.name_pluginadr[instance])
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
@@ -422,10 +413,7 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 def explain_tied(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append the end, if any, that is tied to `tendon` by a gear other than 1 or -1.
-
-    Such a gear would scale the tension.
-    """
+    """Append the end, if any, that is tied to `tendon` by a gear other than 1 or -1."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         tied = holding_tendon(model, actuator) == tendon

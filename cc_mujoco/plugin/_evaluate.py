@@ -324,7 +324,8 @@ def has_stiffened(block: Block) -> bool:
 def follow_paths(model: MjModel, data: MjData, instance: int, evaluation: int) -> None:
     """Measure the paths of all open cables and update their segments.
 
-    Those that did so in the evaluation of number `evaluation` are left out; none if -1.
+    Cables that did so in evaluation number `evaluation` are left out; -1 leaves out
+    none.
     """
     kind = model.plugin[instance]
     for other in range(model.nplugin):

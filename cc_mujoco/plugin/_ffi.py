@@ -260,10 +260,7 @@ def append_label(message: Message, name: Bytes, index: int) -> None:
 
 @internal
 def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
-    """Append `value` times 1000, rounded down to three decimals, and its `unit`.
-
-    For example a length in metres is appended with the unit " mm".
-    """
+    """Append `value` times 1000, rounded down to three decimals, and its `unit`."""
     if value < 0.0:
         append(message, "-")
     value, exponent = abs(value), 0
@@ -290,11 +287,7 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 @internal
 def warned_once(message: Message, about: int) -> bool:
-    """Return whether this process has already given a message; record it as given.
-
-    `about` is a number that distinguishes equal texts, such as the signature of a
-    model.
-    """
+    """Return whether a message `about` a model was given before; record it as given."""
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211

@@ -29,7 +29,7 @@ actuators.
 cables as they were, and the constraints that are active at the acceleration of the step
 before, or, tried again, at the one found with them; a friction cone that slips keeps
 its force. So are the dampers that the integrator takes implicitly: those of joints,
-and, under `is_implicit` and `implicitfast`, those of tendons and of actuators of affine
+and, under `implicit` and `implicitfast`, those of tendons and of actuators of affine
 gain or bias.
 
 A cable pulls and does not push. Where an end is implicit, the tension that Newmark's
@@ -113,10 +113,10 @@ def _prediction(lead: Block, nv: int) -> _Prediction:
 
 @internal
 def is_implicit(model: MjModel, block: Block) -> bool:
-    """Return whether the time step is so long that the ends of a cable are implicit.
+    """Return whether the time step may be too long for explicit ends of a cable.
 
-    They are if it is longer than half of what is stable for an end alone. The inertia
-    is that of the pose `qpos0`, so that a pose of less inertia is stable too.
+    It may above half of what is stable for an end alone with the inertia of the pose
+    `qpos0`, so that a pose of less inertia is stable too.
     """
     if (
         block.explicit_ends != 0
@@ -331,10 +331,7 @@ def add_moment(data: MjData, output: int, force: float, target: FloatArray) -> N
 def _damping_matrix(
     model: MjModel, data: MjData, out: FloatArray, scratch: FloatArray
 ) -> bool:
-    """Write the damping that is integrated implicitly to `out` (nv * nv,).
-
-    Return whether there is any. `scratch` is (nv,).
-    """
+    """Write the implicitly integrated damping to `out` (nv * nv,); return if any."""
     nv, any_damping = model.nv, False
     out[:] = 0.0
     if is_rk4(model):

@@ -62,10 +62,7 @@ def places_size(model: MjModel, tendon: int) -> int:
 
 @internal
 def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
-    """Write sites and geoms of a path, as last evaluated, to `places`.
-
-    `cable/_path_geometry.py` describes the numbers of each place.
-    """
+    """Write places of a path, as last evaluated, see `cable/_path_geometry.py`."""
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     for k in range(model.tendon_num[tendon]):
         place = places[geometry.PLACE_SIZE * k :]
@@ -122,10 +119,7 @@ def min_segments(model: MjModel, tendon: int, mouth: int) -> int:
 
 @internal
 def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
-    """Return the default number of segments behind a mouth.
-
-    A site counts as one segment, a geom as `ARC_SEGMENTS`.
-    """
+    """Return the default segments behind a mouth: `ARC_SEGMENTS` a geom, 1 a site."""
     count = min_segments(model, tendon, mouth)
     for i in range(model.tendon_adr[tendon] + mouth, ffi.path_end(model, tendon)):
         if model.wrap_type[i] != mjtWrap.mjWRAP_SITE:
@@ -135,10 +129,7 @@ def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
 
 @internal
 def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
-    """Measure the open part of a path as last evaluated, into its `measured`.
-
-    Return its length from the mouth on [m], see `cable._open_path.measure`.
-    """
+    """Measure an open path as last evaluated; return its length from the mouth [m]."""
     ffi.mark_stack(data)
     places = ffi.borrow_floats(data, places_size(model, path.tendon))
     read_places(model, data, path.tendon, places)

@@ -204,10 +204,7 @@ def _route_of(
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
-    """Return the `Route` by name of every cable whose path or bends a tendon gives.
-
-    It is {} if there is none.
-    """
+    """Return the `Route` by name of every cable whose path or bends a tendon gives."""
     led = {
         name: cable
         for name, cable in cables.items()

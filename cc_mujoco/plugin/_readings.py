@@ -187,10 +187,7 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
 def numbers_of(
     name: str, model: mujoco.MjModel, data: mujoco.MjData, instance: int, count: int
 ) -> FloatArray:
-    """Return the `count` numbers of an instance that a compiled function writes.
-
-    `name` is a key of `PYTHON_FUNCTIONS`.
-    """
+    """Return the `count` numbers that a compiled function writes of an instance."""
     out = np.full(count, np.nan)
     call = plugin_function(name)
     call(model._address, data._address, instance, out.ctypes.data)
@@ -231,10 +228,7 @@ def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
-    """Return the index of a cable's instance if `data` fit the model.
-
-    Raise a `CableError` if they do not, or if the model has no such cable.
-    """
+    """Return the index of a cable's instance; raise if `data` do not fit the model."""
     index = _instance(model, name)
     require_kind("data", data, mujoco.MjData)
     require_data_of(model, data)

@@ -41,7 +41,7 @@ _holder: ctypes.CDLL | None = None
 
 
 class PluginRecord(ctypes.Structure):
-    """`mjpPlugin` of mjplugin.h."""
+    """Memory layout of `mjpPlugin`, see mjplugin.h of MuJoCo."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -117,7 +117,7 @@ def warned_digests() -> ctypes.Array[ctypes.c_char]:
 
 
 class _SymbolInfo(ctypes.Structure):
-    """`Dl_info` of dlfcn.h."""
+    """Memory layout of `Dl_info`, see dlfcn.h."""
 
     _fields_ = (
         ("file", ctypes.c_char_p),

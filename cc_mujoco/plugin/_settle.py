@@ -1,7 +1,8 @@
 """Cables at rest in the present pose before the first step, and stable time steps.
 
-data.qpos[:] = pose  # or mj_resetDataKeyframe settle(model, data)  # rope="keep" for a
-state of the same machine step_limits(model, data)["flexor"].distal  # [s]
+data.qpos[:] = pose  # or mj_resetDataKeyframe
+settle(model, data)  # rope="keep" for a state of the same machine
+step_limits(model, data)["flexor"].distal  # [s]
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def step_limits(
 def shortest_piece_step(
     model: mujoco.MjModel, data: mujoco.MjData, name: str, poses: FloatArray
 ) -> float:
-    """Return the limit of the pieces of a cable in `poses` of its tendon (k, nq) [s].
+    """Return the stable time step of an open path's pieces over `poses` (k, nq) [s].
 
     The `qpos` of `data` is left at the last pose.
     """

@@ -131,10 +131,7 @@ def node_moments(
     stiffness: FloatArray,
     out: ffi.FloatMatrix,
 ) -> None:
-    """Write the rows of an open path's nodes for `spring_timesteps` to `out`.
-
-    `stiffness` (n + 1,) [N/m] is that of the nodes, and `out` is (n + 1, nv).
-    """
+    """Write `spring_timesteps` rows of an open path's nodes to `out` (n + 1, nv)."""
     ffi.mark_stack(data)
     node = ffi.borrow_floats(data, led.n + 1)
     tried = ffi.borrow_floats(data, out.shape[1])
@@ -162,10 +159,7 @@ def node_moments(
 def warn_long_step(
     message: ffi.Message, model: MjModel, part: int, limit: float
 ) -> None:
-    """Warn, once for a time step, that it exceeds the stability `limit` of a part [s].
-
-    `part` is 0 for the proximal end, 1 for the distal end, 2 for the open path.
-    """
+    """Warn, once for a time step, that it exceeds the `limit` of end or path [s]."""
     parts = "its proximal end", "its distal end", "its open path"
     start, step = message.used, model.opt.timestep
     ffi.append(message, parts[part])

@@ -130,10 +130,7 @@ def _timestep(
 
 @compiled
 def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
-    """Write the guides of a cable at the places between its route's ends to `out` (p,).
-
-    The numbers are those of `_attachments.read_guides`, and 0 before the mouth.
-    """
+    """Write a cable's guides by place of its route to `out` (p,); before a mouth: 0."""
     place = 0
     if config.is_mixed(ffi.attributes(model, instance)):
         place = attachments.find_mouth(model, instance, tendon)
@@ -191,10 +188,7 @@ def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
 def _range(
     model: mujoco.MjModel, rest: FloatArray, joint: int, reach: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest motion of a joint from `rest` [rad or m].
-
-    A slide without a range moves by `reach` [m] to either side.
-    """
+    """Return the lowest and the highest motion of a joint from `rest` [rad or m]."""
     kind, limited = model.jnt_type[joint], bool(model.jnt_limited[joint])
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         far = np.array(3 * [reach] + 3 * [math.pi])

@@ -161,7 +161,7 @@ def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
 
 
 def describe_band(burden: Burden, stiffness: float, pretension: float) -> str:
-    """Return the line on a tendon whose spring is a cable of `stiffness` EA [N]."""
+    """Return the line on a tendon that became an elastic cable of `stiffness` [N]."""
     low, high = burden.rest
     text = (
         f"stiffness {burden.spring[0]:g} N/m beyond {high:.4g} m: an elastic band, "
@@ -173,10 +173,7 @@ def describe_band(burden: Burden, stiffness: float, pretension: float) -> str:
 
 
 def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str:
-    """Return the line on the places of cable ends in `ctrl`.
-
-    `before` is the number of actuators that the model had without the cables.
-    """
+    """Return the line on cable ends in `ctrl`, beside `before` other actuators."""
     ends = [model.actuator(f"{name}_{end}").id for name in cables for end in ENDS]
     places = sorted(int(model.actuator_ctrladr[end]) for end in ends)
     text = "the places of all others stay"

@@ -286,10 +286,7 @@ def _as_spring(
 def _as_constraint(
     stiffness: float, damping: float, inverse: float, step: float
 ) -> tuple[list[float], list[float]]:
-    """Return `solimp` and `solref` of a constraint with this stiffness and damping.
-
-    It is the inverse of `_as_spring`, with the same units.
-    """
+    """Return `solimp` and `solref` of a stiffness and damping, as in `_as_spring`."""
     weight = damping * step
     impedance = min(weight * inverse / (1.0 + weight * inverse), mujoco.mjMAXIMP)
     weight = impedance / ((1.0 - impedance) * inverse)

@@ -125,7 +125,7 @@ class TendonSummary:
 
     @property
     def max_loss(self) -> float:
-        """Largest such part over the ranges of the joints."""
+        """Largest part of its tension lost over the ranges of the joints."""
         return _loss(self.friction, self.max_turn)
 
     @property
@@ -489,10 +489,7 @@ def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def _role(model: mujoco.MjModel, tendon: int, on: dict[int, str]) -> str:
-    """Return the reason why a tendon is left out of a report on all tendons, or "".
-
-    `on` has the cable of each tendon that is a route.
-    """
+    """Return the reason why a report on all tendons omits a tendon, or ""."""
     cables = instances(model)
     if tendon in on:
         guided = cable_of(model, cables[on[tendon]], on[tendon]).path == PATHS[0]
@@ -514,7 +511,7 @@ def _turns(of: TendonPlace | TendonSummary) -> list[str]:
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> Iterable[str]:
-    """Return rows as lines, their first cells flush left and the others right."""
+    """Yield rows as lines, their first cells flush left and the others right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for row in rows:
         cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]

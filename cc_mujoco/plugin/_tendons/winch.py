@@ -2,12 +2,11 @@
 
 A tendon of MuJoCo has one force F along its whole length. A cable with friction has a
 tension for every piece, so nothing can act on it as a whole: what did so must act at
-its first site. There a *winch* holds the proximal end: a joint
-`s`, by default a light slide, that is the length of tendon paid out, and a fixed tendon
-`<tendon>_winch` of the length s, on which everything moves that acted on the tendon
-itself: actuators, spring, damper, dry friction, limit, armature, equalities. Without
-friction and stretch s is the length of the tendon, so that commands in metres and in
-newtons mean what they did:
+its first site. There a *winch* holds the proximal end: a joint `s`, by default a light
+slide, that is the length of tendon paid out, and a fixed tendon `<tendon>_winch` of the
+length s, on which everything moves that acted on the tendon itself: actuators, spring,
+damper, dry friction, limit, armature, equalities. Without friction and stretch s is the
+length of the tendon, so that commands in metres and in newtons mean what they did:
 
     virtual work   F ds = F dL,   the tension is -F.
 
@@ -230,10 +229,7 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
 def _drive_slopes(
     model: mujoco.MjModel, winch: Winch, lengths: FloatArray
 ) -> tuple[float, float]:
-    """Return the largest stiffness [N/m] and damping [N s/m] of what acts on a winch.
-
-    `lengths` (branches, poses) [m] are those at which they are measured.
-    """
+    """Return the load's largest stiffness [N/m] and damping [N s/m] at `lengths`."""
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in winch.names]
     index = model.tendon(winch.burden.winch).id
@@ -349,10 +345,7 @@ def _write_winch(
 def _move_actuator(
     actuator: Any, original: mujoco.MjModel, place: int, winch: str
 ) -> None:
-    """Let an actuator pull a winch; keep its length range, damping and strength.
-
-    MuJoCo would derive these from the winch instead of the tendon.
-    """
+    """Let an actuator pull a winch; keep its length range, damping and strength."""
     actuator.target = winch
     out = original.actuator_outadr[place]
     if original.actuator_lengthrange[out].any():
@@ -396,10 +389,7 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
 def _pose_keyframes(
     spec: mujoco.MjSpec, original: mujoco.MjModel, winches: list[Winch]
 ) -> None:
-    """Set each winch in every keyframe to the length of its tendon in that pose.
-
-    The plastic stretch of springs moves along (MuJoCo 4.0 and later).
-    """
+    """Set winches to their tendons' lengths in every keyframe; move plastic stretch."""
     if not spec.keys:
         return
     model = compile_spec(spec)  # its keyframes follow
@@ -420,10 +410,7 @@ def _pose_keyframes(
 def _moved_plastic(
     original: mujoco.MjModel, model: mujoco.MjModel, winches: list[Winch], key: int
 ) -> FloatArray:
-    """Return the plastic state of a keyframe in the order of `model`.
-
-    MuJoCo would keep it in the order of `original`.
-    """
+    """Return a keyframe's plastic state, reordered from `original` to `model`."""
     before, after = _plastic_parts(original), _plastic_parts(model)
     for winch in winches:
         source = "tendon", winch.burden.index

@@ -1,4 +1,4 @@
-"""`cc-mujoco diagnose`: which effect is missing in a scene, by measured trials."""
+"""Command `cc-mujoco diagnose`: find the effect that a scene lacks, by trials."""
 
 from __future__ import annotations
 

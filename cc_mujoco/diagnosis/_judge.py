@@ -170,7 +170,7 @@ def _squares(
 def _largest_ratio(
     error: FloatArray, noise: FloatArray, counts: NDArray[np.bool_], window: int
 ) -> tuple[float, int]:
-    """Return the largest RMS ratio of squares in a window, and the window's middle."""
+    """Return the largest RMS error over RMS noise of all windows, and its middle."""
     box = np.ones(min(window, counts.size))
     signals = error, noise, counts.astype(np.float64)
     errors, noises, number = (np.convolve(each, box, "valid") for each in signals)
@@ -268,14 +268,14 @@ class Testability(NamedTuple):
     changes: tuple[EffectChange, ...]  # changes by effects
 
     def left(self, change: FloatArray) -> FloatArray:
-        """Return the part of changes (residuals, ...) that no tuning can imitate."""
+        """Return the part of changes (residuals, ...) that tuning cannot make."""
         return change - self.tangent @ (self.tangent.T @ change)
 
 
 def detectability(
     problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
 ) -> Testability:
-    """Return how much each effect of `ids` would show in the accepted model's data."""
+    """Return the changes of the accepted model's residuals by each effect of `ids`."""
     records = problem.plant.records
     masks = [record.free for record in records]
     # Torques are compared up to a band: so many of the samples are independent.
@@ -301,7 +301,7 @@ def detectability(
 
 
 def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
-    """Return the effects that would show, were they not hidden by tuning."""
+    """Return the effects that would show if tuning a parameter did not hide them."""
     size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
     scaled = shown.slopes[:, free] / size[free]
@@ -324,7 +324,7 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
 
 
 def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Return the amplitudes (k,), largest 1, of the mix that tuning hides best."""
+    """Return the amplitudes (k,), largest 1, whose change tuning imitates best."""
     lengths = np.linalg.norm(changes, axis=0)
     lengths[lengths == 0.0] = 1.0
     plain = changes / lengths
@@ -534,7 +534,7 @@ def _runner_up(c: Candidate) -> RunnerUp:
 
 
 def one_time(stretch: Stretch | None, by_trial: str) -> bool:
-    """Return whether the error is of one stretch or trial, unlike on study rigs."""
+    """Return whether the error is one event, of which study rigs had none."""
     alone = stretch is not None and stretch.rest <= Limit.max_misfit
     return alone or bool(by_trial)
 
@@ -783,7 +783,7 @@ def belief_in_verdict(
 def _alternatives(
     found: Search, step: Round, leader: str, group: set[str]
 ) -> dict[str, float]:
-    """Return z of effect `leader` against each one outside its `group`, by id."""
+    """Return by id `comparison_z` of effect `leader` with each one not in `group`."""
     beside = {*found.after.problem.effects, *group}
     tried = [c for c in step.candidates if c.crossed is not step.before]
     errors = {c.id: fitting.blocks(c.crossed) for c in tried}

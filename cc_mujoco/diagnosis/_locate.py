@@ -86,7 +86,7 @@ class _Candidate(NamedTuple):
 
 
 def strongest_line(samples: Samples) -> PeriodicError | None:
-    """Return the period that explains most of an error; None if none beats chance."""
+    """Return the periodic error in an angle that explains most; None if by chance."""
     if samples.error.size < 100 or not np.any(samples.error):
         return None
     fit = _Prepared(samples)
@@ -135,7 +135,7 @@ class _Prepared:
         return columns - self._basis @ (self._basis.T @ columns)
 
     def orders(self, angle: FloatArray) -> FloatArray:
-        """Return the tested orders [rad/rad], equally spaced; () if too few."""
+        """Return the orders to test (orders,), in periods per turn; () if too few."""
         span = float(np.ptp(angle))
         if span == 0.0:
             return np.zeros(0)
@@ -187,7 +187,7 @@ class _Prepared:
         return _Candidate(name, by_torque, order, squares, share)
 
     def details(self, found: _Candidate) -> tuple[float, float]:
-        """Return the standard error of a line's order, and its amplitude."""
+        """Return the standard error of a candidate's order, and its amplitude."""
         angle = self._samples.angles[found.angle]
         pair = self._pair(angle, found.by_torque, found.order)
         size = np.linalg.lstsq(pair, self._error)[0]
@@ -201,7 +201,7 @@ class _Prepared:
     def _waves(
         self, angle: FloatArray, by_torque: bool, orders: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted cosines and sines (samples, orders), also by torque."""
+        """Return weighted cosines and sines (samples, orders) of an angle."""
         size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
         phase = np.outer(angle, orders)
         return np.cos(phase) * size, np.sin(phase) * size
@@ -243,8 +243,7 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
 def _background(taken: FloatArray) -> FloatArray:
     """Return the level of the spectrum beside each order (orders,), by medians.
 
-    The larger side counts, as errors grow towards low orders; infinite if none is
-    lower.
+    The larger side counts, as errors grow towards low orders; infinite for the lowest.
     """
     below = _lower_medians(taken)
     above = _lower_medians(taken[::-1])[::-1]
@@ -336,7 +335,7 @@ def _map(
     channel: str,
     random: Generator,
 ) -> Map | None:
-    """Return the mean error by bins of `values` (counted samples,) by trial."""
+    """Return the mean error of a channel by bins of an axis; None for few samples."""
     kept = [trace.counts > 0.0 for trace in traces]
     pairs = list(zip(traces, kept, strict=True))
     before, after = ([t.error(channel, m)[k] for t, k in pairs] for m in MODELS)

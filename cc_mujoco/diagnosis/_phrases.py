@@ -286,7 +286,7 @@ def describe_mode(
     arm_by_pairs: bool = False,
     motor_angle: bool = True,
 ) -> str:
-    """Return sentences on what the instruments can show; "" for torque sensors."""
+    """Return what the instruments can and cannot show; "" for two torque sensors."""
     if not motor_angle:
         return _NO_MOTOR_ANGLE
     if ends_held:

@@ -83,7 +83,7 @@ Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """Effect that the verdict names, with its fitted values."""
+    """Effect in the final model, with its fitted values."""
 
     id: str
     """Name of the effect in the library."""
@@ -332,7 +332,7 @@ class Diagnosis:
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:
-        """Named effects without refinements, ordinary and disputed ones."""
+        """Effects in the model without refinements, ordinary and disputed ones."""
         return tuple(each for each in self.effects if each.missing)
 
     def to_json(self) -> str:

@@ -47,9 +47,8 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     """Return the noise of every channel, by name: as declared, or estimated.
 
     It is estimated as the median deviation about short straight lines at rest, as a
-    torque may relax and a hand tremble; without rests, from third differences of the
-    signal. It is at least the rounding of digits, and a millionth of the channel's
-    range.
+    torque may relax and a hand tremble; without rests, from third differences. It is at
+    least the rounding of digits, and a millionth of the channel's range.
     """
     still = {trial.name: find_holds(trial) for trial in dataset.trials}
     found: dict[str, Noise] = {}
@@ -108,7 +107,7 @@ class Scatter(NamedTuple):
 
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Return an error for each trial that declares a repeat but moves otherwise."""
+    """Return an error for each trial that does not repeat what it declares to."""
     moved, changed = [], []
     for original, trial in _repeat_pairs(trials):
         start = f"{trial.path} is declared a repeat of {original.name}, but"
@@ -130,7 +129,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """Return the deviation by channel between repeats, or else periods, and trials."""
+    """Return the deviation of a repetition by channel, and the trials compared."""
     pairs = [
         ({original.name, trial.name}, pair)
         for original, trial in _repeat_pairs(trials)
@@ -153,7 +152,7 @@ def _repeat_pairs(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:
 
 
 def _rms_difference(pair: Pair, channel: str) -> float:
-    """Return the RMS difference without its part proportional to the motor angle's."""
+    """Return the RMS difference without the part proportional to the motor angle's."""
     counts = np.isfinite(pair[channel])
     if not np.any(counts):
         return 0.0

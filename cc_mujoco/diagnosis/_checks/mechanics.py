@@ -1,20 +1,20 @@
 """Checks of signs, units, clocks and delays by the mechanics of a transmission.
 
 Three things are known of every transmission, whatever its friction: the joint follows
-the motor, the joint torque takes motor torque of the same sign, and motor power less
-joint power is never negative in the long run. Of the eight ways in which signs may be
-wrong, each breaks another combination of the three (inverting everything on both sides
-is a change of convention that nothing can show). By virtual work the ratio of the
-angles is the ratio of the torques, friction aside, if the units are right.
+the motor, the torques of motor and joint rise together, and motor power less joint
+power is never negative in the long run. Of the eight ways in which signs may be wrong,
+each breaks another combination of the three (inverting everything on both sides is a
+change of convention that nothing can show). By virtual work the ratio of the angles is
+the ratio of the torques, friction aside, if the units are right.
 
 The speeds of motor and joint are correlated in windows. Lost motion makes the joint
-late by a time that shrinks with speed; a delay is the same in every window; a clock of
-its own makes the delay grow with time. The three are fitted together, so that a motion
-that grows faster is not taken for a clock that drifts.
+late by a time that shrinks with speed; a delay is the same in every window; between two
+clocks the delay grows with time. The three are fitted together, so that a motion whose
+speed changes is not taken for a clock that drifts.
 
-A cable under tension stretches: the motor turns further than the joint, and more the
-more it pulls, whatever its friction. Angles that show the opposite are those of the
-other side: if both pulleys are equal nothing else shows it. A torque that follows the
+A cable under tension stretches: the motor turns further than the joint (it leads), and
+the more, the larger the tension, whatever the friction. Angles that show the opposite
+are swapped: if both pulleys are equal nothing else shows it. A torque that follows this
 lead after a time is late by that time.
 """
 
@@ -333,7 +333,8 @@ def check_units(group: Group) -> Findings:
 def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     """Find trials with torques hundreds of times as large as in the others.
 
-    Loaded trials may exceed trials with a free joint by as much, but in both torques.
+    Trials under load may exceed those with a free joint by as much, but in both
+    torques.
     """
     if any(t.motor_torque is None or t.joint_torque is None for t in trials):
         return []
@@ -514,7 +515,7 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 
 
 def check_alignment(trial: Trial, alone: bool = False) -> Findings:
-    """Return a finding on drifting clocks or a delay; slack of one cable `alone`."""
+    """Return a finding if the joint lags by a delay or a drifting clock."""
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))

@@ -1,7 +1,7 @@
 """Checks of readings for impossible values.
 
-Checks of a recording see all rows as they were recorded; checks of a trial see the
-valid stretches with everything known applied.
+Checks of a recording use all rows as recorded; checks of a trial use its valid
+stretches, with declared units, signs, offsets and delays applied.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
-    """Compare the angles of the closest of `several` trials with a scene's `ratio`."""
+    """Return a finding if motor over joint angle in a trial is far from `ratio`."""
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []
@@ -103,7 +103,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
 
 
 def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
-    """Compare the closest trial's ratio, and all torques and ranges, with a scene."""
+    """Return findings if ratio, torques or ranges of trials contradict the bench."""
     checks = [_check_overload, _check_known_range]
     findings: Findings = []
     if bench.others:  # the ends do not turn by one ratio

@@ -118,7 +118,7 @@ def _factor_between(one: float, other: float) -> float:
 
 
 def _thin_record(record: Record) -> Record:
-    """Return a record at about 25 Hz; samples count after a tenth of the travel."""
+    """Return a record at about 25 Hz that counts after a tenth of its travel."""
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
@@ -138,7 +138,7 @@ def _thin_record(record: Record) -> Record:
 
 
 class _Line(NamedTuple):
-    """Regression of the tension, agonist less antagonist, on the motor's lead."""
+    """Regression of the cables' tension on the motor's travel beyond the joint's."""
 
     slope: float  # tension per lead at the motor's rim [N/m]
     start: float  # tension without lead [N]
@@ -229,8 +229,8 @@ class _Grid:
     ) -> tuple[dict[str, float], float]:
         """Return values and cost of the best fit with the parameters `names` free.
 
-        There are no values if the scene's are about as good as the best grid point, or
-        none explain the data. If `coarse`, the stiffness of the grid is that of the
+        There are none if the scene's are about as good as the best grid point, or no
+        fit explains the data. If `coarse`, the grid has one stiffness, that of the
         line.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
@@ -368,7 +368,7 @@ def fit_baseline(
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: words.Progress
 ) -> BaselineFit | Diagnosis:
-    """Fit the baseline and its noise floor, or return a diagnosis that ends here."""
+    """Return the fitted baseline, or a diagnosis that ends here if data are unfit."""
 
     def refused(statement: str, verdict: Verdict = "fix-data") -> Diagnosis:
         return Diagnosis(verdict, statement, problems=(statement,))

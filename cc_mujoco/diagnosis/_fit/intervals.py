@@ -62,9 +62,8 @@ def doubtful_effects(
 ) -> list[str]:
     """Return the effects of the model whose size may be 0, given all others.
 
-    The joint confidence interval of their sizes contains 0 (F distribution).
-    `covariance` (parameters, parameters) of the fit has `freedom` (parameters,) degrees
-    of freedom.
+    Their joint confidence interval contains 0 (F distribution). The fit's `covariance`
+    (parameters, parameters) has `freedom` (parameters,) degrees of freedom.
     """
     from scipy.special import fdtri
 
@@ -168,9 +167,8 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
     Noise makes B; trials that disagree by factors f_k make f_k B_kk of its diagonal,
-    with few degrees of freedom; `form_error` adds its covariance. The degrees of
-    freedom are over the square of the trials' share (Satterthwaite, Biometrics Bulletin
-    2, 1946).
+    with few degrees of freedom; `form_error` adds its part. The degrees of freedom are
+    over the square of the trials' share (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -189,7 +187,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
-    """Return value and 95 % interval by parameter; NaN for an interval too wide."""
+    """Return value and 95 % interval by parameter; NaN if over six powers of ten."""
     found = {}
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
@@ -244,10 +242,10 @@ def form_error(
     """Return the covariance (parameters, parameters) of a fit due to errors of form.
 
     Controls are changes by ordinary sizes of effects that the model lacks; Q is their
-    orthonormal basis. The residual is r = J b + Q c + noise, c of variance v each, of
-    which a fit leaves M Q c, M = I - J H^-1 J^T. Its square along the q directions of M
-    Q has the mean q + v tr(Q^T M Q), which gives v (method of moments, as DerSimonian
-    and Laird, Control. Clin. Trials 7, 1986). The fit is off by H^-1 J^T Q c. Along no
+    orthonormal basis. The residual is r = J b + Q c + noise, c of variance v each; a
+    fit leaves M Q c, M = I - J H^-1 J^T. Its square along the q directions of M Q has
+    the mean q + v tr(Q^T M Q), which gives v (method of moments, as DerSimonian and
+    Laird, Control. Clin. Trials 7, 1986). The fit is off by H^-1 J^T Q c. Along no
     direction is v larger than the largest control makes: a larger error is a missing
     effect.
 
@@ -347,7 +345,7 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return the index (data,) of each residual's group of trials; of pieces if few."""
+    """Return the index (data,) of the group of trials that each residual is part of."""
     pairs = list(zip(records, masks, strict=True))
     groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []

@@ -106,7 +106,7 @@ def noise_floor(
 def _cell_noise(
     base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
 ) -> FloatArray:
-    """Return the noise variance (rows, 1) of a record, `base` but for its load cell."""
+    """Return a record's noise variance (rows, 1): `base`, or that of its load cell."""
     if (cell := record.load_cell) is None:
         return base
     found = base.copy()
@@ -122,8 +122,7 @@ def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArra
     """Return the variance (rows,) between repetitions beyond `noise` [(N m)^2].
 
     Residuals are compared, as a servo never repeats a motion exactly. It is at most
-    that of the readings, as a wrong model turns a small difference of angle into
-    newtons.
+    that of the readings, as a wrong model amplifies a small difference of angle.
     """
     names, found = plant.instruments.channels, []
     for torques in clean, [np.zeros(torque.shape) for torque in clean]:

@@ -54,7 +54,7 @@ class _Tangent:
     slopes: FloatArray  # (parameters, 2, samples) [N m]
 
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
-        """Update the slopes by a simulation at `x`; return False if now invalid."""
+        """Update the slopes by the torque simulated at `x`; return False if invalid."""
         moved = (x - self.place) / reach
         if np.max(np.abs(moved)) < 0.1:  # too little to see a change of the slopes
             return True
@@ -168,7 +168,7 @@ def residual_slopes(
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return residual change per torque (2, counted samples) [1/N m], and masks.
 
-    If the records' `torques` are None, no error counts as large in Huber's loss.
+    If the records' `torques` are None, Huber's loss is quadratic for all errors.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     delta, found = Limit.huber_delta, []
@@ -363,7 +363,7 @@ class Problem:
         return replace(slim, slopes=TorqueDerivatives())
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
-        """Return Huber's errors over the floor (2, samples); NaN if unmasked."""
+        """Return Huber's errors over the floor (2, samples); NaN if masks omit it."""
         found = [np.full(floor.shape, np.nan) for floor in self.floor]
         seen = [k for k in range(len(found)) if masks is None or masks[k].any()]
         for k, error in zip(seen, self.plainly(x, seen), strict=True):
@@ -400,14 +400,14 @@ def kept_samples(parts: Iterable[FloatArray], masks: Masks) -> FloatArray:
 
 
 def huber_residual(error: FloatArray) -> FloatArray:
-    """Return Huber's residuals, whose squares grow linearly above the threshold."""
+    """Return residuals whose squares are Huber's loss, linear for large errors."""
     size, delta = np.abs(error), Limit.huber_delta
     root = np.sqrt(np.maximum(2.0 * delta * size - delta**2, 0.0))
     return np.where(size <= delta, error, np.sign(error) * root)
 
 
 def plain_error(residual: FloatArray) -> FloatArray:
-    """Return the errors of which these are Huber's residuals: the inverse of that."""
+    """Return the errors of residuals: the inverse of `huber_residual`."""
     size = np.abs(residual)
     large = (size**2 + Limit.huber_delta**2) / (2.0 * Limit.huber_delta)
     return np.where(size <= Limit.huber_delta, residual, np.sign(residual) * large)
@@ -444,9 +444,8 @@ def fit(
 ) -> Fit:
     """Fit least squares within bounds to the masked samples, from the place `start`.
 
-    A fine simulation is fitted by `Problem.corrected`, repeated until the fine one
-    improves no more. A fit ends when the relative change of its cost is below
-    `tolerance`.
+    A fine simulation is fitted by `Problem.corrected`, until it improves no more. A fit
+    ends when the relative change of its cost is below `tolerance`.
     """
     if problem.coarse is problem:
         return least_squares.fit(
@@ -528,9 +527,8 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return folds of whole trials: test on the reserved ones, or on a third in turn.
 
-    Repeats stay together; trials of a kind are spread over the folds. The only one of
-    its kind is always trained on, as others cannot predict it. For few,
-    `interleaved_folds`.
+    Repeats stay together; trials of a kind are spread over the folds, the only one of
+    its kind is always trained on. With too few trials return `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         free = tuple(record.free for record in records)
@@ -579,7 +577,7 @@ def never_held_out(division: Folds, records: Sequence[Record]) -> tuple[str, ...
 
 
 class CrossValidation(NamedTuple):
-    """Model fitted to the training part of each fold, with errors on the others."""
+    """Model fitted to the training part of each fold, and its errors on the tests."""
 
     problem: Problem  # the model
     fits: tuple[Fit, ...]  # one per fold
@@ -612,7 +610,7 @@ class CrossValidation(NamedTuple):
         return self.misfit_by(self.problem.inflation)
 
     def misfit_by(self, inflation: float) -> float:
-        """Return the misfit for a floor with another inflation, for comparisons."""
+        """Return `misfit` for another inflation of the noise floor."""
         ratio = self.problem.inflation / inflation
         if ratio == 1.0:
             return math.sqrt(self.held_out_mse / self.noise_mse)
@@ -654,7 +652,7 @@ def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
 
 
 def excess(crossed: CrossValidation) -> float:
-    """Return held-out squared error beyond noise, over its standard error."""
+    """Return the held-out squared error beyond noise, over its standard error."""
     beyond = blocks(crossed) - blocks(crossed, crossed.problem.noise_over_floor)
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 
@@ -758,7 +756,7 @@ def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
 
 
 def _closed_share(old: float, new: float, floor: float) -> float:
-    """Return the removed share of RMS error over the floor, of mean squares, or NaN."""
+    """Return the removed share of RMS error above `floor`, given mean squares."""
     if old <= 1.02 * floor:
         return math.nan
     before, after, least = (math.sqrt(square) for square in (old, new, floor))

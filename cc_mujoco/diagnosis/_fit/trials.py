@@ -50,8 +50,8 @@ def trial_errors(
 ) -> tuple[TrialError, ...]:
     """Return the errors of both models in every trial with counted samples, in order.
 
-    `before` and `after` are the torques (2, samples) of both models for every record [N
-    m]; `final` is the second model and its parameters, for the shares of slack.
+    `before` and `after` are their torques (2, samples) of every record [N m]; `final`
+    is the second model and its parameters, for the shares of slack.
     """
     found, records, (model, x) = [], problem.plant.records, final
     values, plant = model.values(x), model.plant
@@ -109,7 +109,7 @@ class Odd(NamedTuple):
 
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
-    """Return a sentence on trials that fit with torque columns exchanged, or ""."""
+    """Return an advice if trials fit better with exchanged torque columns, or ""."""
     records, every = problem.plant.records, _record_indices(problem).items()
     firsts = {name: (own, records[own[0]]) for name, own in every}
     able = {n: own for n, (own, r) in firsts.items() if not (r.unhooked or r.load_cell)}
@@ -185,7 +185,7 @@ def find_outlier_trial(
 
 
 def extreme_condition(problem: Problem, names: Sequence[str]) -> str:
-    """Return a condition that is largest or smallest in these trials, or ""."""
+    """Return the declared condition that is extreme in these trials only, or ""."""
     records = problem.plant.records
     conditions: dict[str, list[float | None]] = {
         "pretension": [record.pretension for record in records],
@@ -215,7 +215,7 @@ def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
 def _leave_out(
     problem: Problem, x: FloatArray, names: tuple[str, ...]
 ) -> tuple[Odd, FloatArray]:
-    """Return the error of trials by a fit to the others, and the place of that fit."""
+    """Return the error of trials by a fit to the others, and the fitted parameters."""
     places = _record_indices(problem)
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
@@ -369,7 +369,7 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
 def constants_by_occasion(
     problem: Problem, x: FloatArray, indices: Sequence[int]
 ) -> tuple[TrialConstants, ...]:
-    """Return the parameters `indices` that every occasion informs about, by it."""
+    """Return the parameters of these indices fitted by occasion, if all affect them."""
     by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
     able = filter(by_occasion.affects_every_trial, indices)
     return tuple(_OneByTrial(by_occasion, index).fitted() for index in able)
@@ -378,7 +378,7 @@ def constants_by_occasion(
 def trial_trends(
     found: TrialConstants, ordinates: Mapping[str, FloatArray]
 ) -> tuple[Trend, ...]:
-    """Return regressions of a parameter on ordinates, most significant first."""
+    """Regress a parameter's values by trial on each ordinate; best trend first."""
     tried = []
     for name, values in ordinates.items():
         good = np.isfinite(values) & np.isfinite(found.change)
@@ -406,8 +406,7 @@ def trial_step(found: TrialConstants) -> Trend:
 def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
     """Test a trend by weighted regression with Student's t (Hartung and Knapp 2001).
 
-    Trials may scatter beyond the standard `error` (trials,) (DerSimonian and Laird
-    1986).
+    Trials may scatter beyond their standard `error` (DerSimonian and Laird 1986).
     """
     from scipy.stats import t as student
 
@@ -625,7 +624,7 @@ class TrialDifferences(NamedTuple):
         return cls(constants, ordinates)
 
     def at_random(self, misfit: float) -> str:
-        """Return a sentence on a constant that differs without a trend, or ""."""
+        """Return a sentence if a constant differs by trial without a trend, or ""."""
         for _, where in self.described(""):
             if where.axis == "trial" and where.share_of_error > Limit.random_share:
                 return (
@@ -746,7 +745,7 @@ def compare_occasions(
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change since an `earlier` occasion, and the same in words."""
+    """Return the change of a parameter from an `earlier` occasion, and it in words."""
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:

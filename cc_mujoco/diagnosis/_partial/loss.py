@@ -7,15 +7,15 @@ slides in the direction s = +1 or -1 of the joint,
 
 x is the motor's torque times the ratio of the radii: the torque at the joint without
 any loss. k = mu theta is the exponent of the capstan (Euler 1769), c the loss that does
-not depend on the load, b and J what grows with speed and acceleration; g and o are the
-gain and the zero of the instruments. A load that drives the motor back has the other
-sign of the exponent, so both directions of flow are needed to distinguish k from g, and
-both directions of motion to distinguish c from o.
+not depend on the load, b drag and J inertia; g and o are the gain and the zero of the
+instruments. A load that drives the motor back has the other sign of the exponent, so
+both directions of flow are needed to distinguish k from g, and both directions of
+motion to distinguish c from o.
 
 Samples before the cable slides as a whole do not count: a stretch of travel after each
 reversal, found from the data. There the loss may exceed that of sliding (break-away).
-The errors of the current make slopes too small; they are taken off the normal equations
-(Fuller, Measurement Error Models, 1987). Intervals are of a bootstrap of blocks, which
+Noise of the current makes slopes too small; it is subtracted from the normal equations
+(Fuller, Measurement Error Models, 1987). Intervals are by a bootstrap of blocks, which
 end at every reversal, by direction.
 """
 
@@ -117,9 +117,8 @@ def strokes_of(
 ) -> list[Stroke]:
     """Return the strokes of a recording without gaps; rests are left out.
 
-    `angle` of the joint [rad], `ideal` torque without loss, and measured `torque` [N m]
-    are (samples,), every `step` [s]; `speed_noise` is the deviation of the speed
-    [rad/s].
+    `angle` of the joint [rad], `ideal` torque without loss, measured `torque` [N m] are
+    (samples,), every `step` [s]; `speed_noise` is a standard deviation [rad/s].
     """
     speed = velocity(angle, step)
     top = float(np.percentile(np.abs(speed), 95))
@@ -161,7 +160,7 @@ class _Law(NamedTuple):
 
     @classmethod
     def of(cls, blocks: Sequence[_Block], load_noise: float) -> _Law:
-        """Return the law of blocks, with the columns that these distinguish."""
+        """Fit the law to blocks; columns that they cannot distinguish are left out."""
         active = _distinguished(np.concatenate([each.columns for each in blocks]))
         squares, products = [], []
         for each in blocks:
@@ -371,7 +370,7 @@ def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
 
 
 class _Profile(NamedTuple):
-    """Excess of the loss over that of sliding, by travel since a reversal."""
+    """Loss beyond that of steady sliding, by the travel since a reversal."""
 
     edges: FloatArray  # of the bins of travel (bins + 1,) [rad]
     excess: FloatArray  # sum of the excess by reversal and bin (reversals, bins) [N m]
@@ -400,7 +399,7 @@ class _Profile(NamedTuple):
         return cls(edges, table[0::2], table[1::2])
 
     def ratio(self) -> tuple[FloatArray, FloatArray]:
-        """Return relative excess and standard error (bins,); NaN with few strokes."""
+        """Return excess over loss, and its error (bins,); NaN for few strokes."""
         whole = np.abs(self.sliding.sum(axis=0))
         used = np.count_nonzero(self.sliding, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -600,7 +599,7 @@ def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
 
 
 def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
-    """Return the friction of a single cable if it differs from the scene's."""
+    """Return the single cable's friction as deviating if unlike the scene's, or ()."""
     exponent, cable = found.values.get("friction_exponent"), bench.cables[0]
     given = cable.friction
     if exponent is None or cable.wrap == 0.0 or given == 0.0:

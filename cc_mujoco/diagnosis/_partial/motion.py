@@ -180,7 +180,7 @@ def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
 
 
 def _counted(stretch: _Stretch, play: float) -> _Stretch:
-    """Return the stretch with counts from where the motor has left the play."""
+    """Return a stretch that counts from where the motor has clearly left the play."""
     motor = stretch.motor
     reach = np.maximum.accumulate(motor) - np.minimum.accumulate(motor)
     counts = reach > Limit.range_over_play * play

@@ -1,1 +1,1 @@
-"""Trials that separate effects that the data cannot."""
+"""Proposal of trials to distinguish effects that the present data do not."""

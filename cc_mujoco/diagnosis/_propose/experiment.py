@@ -35,7 +35,7 @@ QUARTER_TURN = 0.5 * np.pi
 
 @dataclass(frozen=True)
 class CataloguedTrial:
-    """A trial that most rigs can run."""
+    """Trial of the catalogue, which most rigs can run."""
 
     description: str  # instruction
     motor: FloatArray  # angle of the motor (samples,) [rad]
@@ -271,7 +271,7 @@ def write_motion(path: Path, motion: CataloguedTrial) -> None:
 
 
 def catalogue(problem: Problem) -> list[CataloguedTrial]:
-    """Return trials within the speeds and tensions of the data, and two beyond."""
+    """Return motions within speed and range of the data, and two beyond the range."""
     plant = problem.plant
     swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
     speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
@@ -514,7 +514,7 @@ def separates_rivals(
 def _with_trial(
     crossed: CrossValidation, record: Record, error: FloatArray
 ) -> CrossValidation:
-    """Return the cross-validation with a trial more, of this error (rows, samples)."""
+    """Return a cross-validation with one trial more, of this error (rows, samples)."""
     problem = crossed.problem
     base = problem.plant.records[0]
     times = max(1, round(record.dt / base.dt))

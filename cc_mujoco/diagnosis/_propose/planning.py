@@ -55,7 +55,7 @@ Owners = Sequence[tuple[str, float]]
 
 
 class Resolved(NamedTuple):
-    """Information that a set of trials gives about one effect."""
+    """How clearly a set of trials shows one effect and separates it from others."""
 
     id: str  # of the effect
     plausible: float  # size of its first amplitude that is plausible on the rig
@@ -94,7 +94,7 @@ def planned(
 ) -> TrialPlan:
     """Return the smallest set of trials that leaves no effect untestable or tied.
 
-    It has the standard trials, and those with the cables off last, as mounting changes
+    It has the standard trials; those with the cables off come last, as mounting changes
     the pretension. `swing` is the motor's largest angle to either side [rad], `rate`
     its largest speed [rad/s], `cells` are channels of load cells in single cables.
     """
@@ -195,7 +195,7 @@ def _gram_matrices(
 
 
 def _choose_records(grams: Arrays, owners: Owners, fixed: Sequence[int]) -> list[int]:
-    """Return the `fixed` records and those that resolve most more, greedily."""
+    """Return the `fixed` records and others that improve the design, one by one."""
     chosen, best = list(fixed), 0.0
     while len(chosen) < len(grams):
         tried = {}  # number of effects that would be identified, in part or whole
@@ -270,19 +270,19 @@ def plan(
         out: folder for `plan.md`, one CSV a trial and the beginning of a
             `dataset.toml`; written whole or not at all.
         axis: the axis to diagnose, of a device with several.
-        reach: largest angle of the motor to either side [rad], of where the joint is in
+        reach: largest angle of the motor to either side [rad] of where the joint is in
             the middle of its named trajectories; default as far as these go.
         speed: largest speed of the motor [rad/s].
         dataset_toml: declared constants of the rig and noise of its channels; the noise
             of the joint's torque sensor is that of the device's description unless it
             is declared here.
         ids: effects to consider; default all.
-        begun: called once all is checked, before the seconds that it takes.
+        begun: called once all is checked, before the plan is computed.
 
     Raises:
-        CableError: a scene that cannot be diagnosed, limits that are none or that the
-            joint cannot have, or a folder with files that no plan wrote, or with a
-            `dataset.toml` that was corrected since.
+        CableError: a scene that cannot be diagnosed, limits that are not positive or
+            that the joint cannot reach, or a folder with files that no plan wrote, or
+            with a `dataset.toml` that was corrected since.
     """
     bench = Bench.of(Path(scene), axis)
     require_repairable(bench)

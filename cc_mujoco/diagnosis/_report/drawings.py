@@ -56,7 +56,7 @@ def model_changed(evidence: Evidence) -> bool:
 
 
 def _windows(evidence: Evidence) -> list[Excerpt]:
-    """Return the windows of every trial that overlap by three quarters."""
+    """Return windows of every trial, each overlapping the next by three quarters."""
     squares = [  # errors of the baseline by channel, 0 without valid data
         {c: np.nan_to_num(t.error(c) * (t.counts > 0)) ** 2 for c in t.measured}
         for t in evidence.traces
@@ -108,7 +108,7 @@ def invisible_effects(isolability: Isolability) -> list[str]:
 
 
 def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
-    """Draw the effects' cosines as a heat map and visibility as bars, or None."""
+    """Draw cosines between effects, and each one's visibility; None without effects."""
     from matplotlib.colors import LinearSegmentedColormap
 
     count = len(isolability.ids)
@@ -226,7 +226,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
 
 
 def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
-    """Draw torques of a stretch, their residuals, motion; `both` models or one."""
+    """Draw a stretch's torques, residuals and motion, of one or `both` models."""
     trace, part = excerpt.trace, excerpt.part
     time = trace.time[part]
     heights = [1.6, 1.0] * len(trace.measured) + [1.1]

@@ -407,7 +407,7 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
 
 
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
-    """Shift effects of the measured joint angle by its `offset` [rad], in place."""
+    """Convert effects of the measured joint angle to the scene's angle, in place."""
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]

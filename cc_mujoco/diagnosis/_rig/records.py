@@ -122,9 +122,8 @@ def load_torque(
 ) -> FloatArray:
     """Return the torque (samples,) that a declared load takes from the joint [N m].
 
-    `angle` is that of the joint (samples,), smooth [rad], every `step` [s]; `values`
-    are `RIG_CONSTANTS` in SI units; `tilt` is the angle by which the rig was turned
-    [rad].
+    `angle` is the joint's (samples,), smooth [rad], every `step` [s]; `values` are
+    `RIG_CONSTANTS` in SI units; the rig was turned by the angle `tilt` [rad].
     """
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
@@ -341,8 +340,8 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle (samples,) without movements smaller than `width` [rad].
 
     It is followed with play forwards and backwards in time, whose mean has no lag and
-    stands still under noise. At a turn the play is added back, as friction responds
-    there.
+    stands still under noise. At a turn the play is added back, as friction responds to
+    it.
     """
     if width == 0.0:
         return angle
@@ -509,7 +508,7 @@ def with_lead_in(
     following: Callable[[FloatArray], FloatArray],
     substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return both angles, `substeps` per sample, after a lead-in from rest at 0.
+    """Return both angles, `substeps` per sample, with a lead-in from rest at pose 0.
 
     It takes both ends to the joint's first angle, then the motor to its own;
     `following` is the motor angle that keeps the cables' length.

@@ -221,7 +221,7 @@ def _with_parameters(
 
 
 def _path_exclusion(effect: terms.Effect, bench: Bench) -> str:
-    """Return the reason why cables guided by tendons lack an effect; "" if they may."""
+    """Return the reason why the bench's kind of path excludes an effect, or ""."""
     if bench.led and (effect.joint_arm is not None or effect.motor_arm is not None):
         return "a path that the joint moves is played with the arms of the scene"
     if bench.led == "open" and effect.id == "clamp_creep":
@@ -394,7 +394,7 @@ def _motor_parameters(
 
 
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
-    """Estimate the joint angle at which the motor at zero is in balance [rad]."""
+    """Return the joint angle [rad] at which both cables rest with the motor at 0."""
     ratio = bench.motor_radius / bench.joint_radius
     pairs = [(r.motor_angle, bench.turned(r.joint_angle, r.path)) for r in records]
     gaps = [np.median(ratio * motor - turned) for motor, turned in pairs]
@@ -487,10 +487,7 @@ class SimulatedRig:
         pretension: float | None = None,
         conditions: terms.TrialConditions = terms.USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
-        """Return the cables of a trial at its pretension [N], changed by the effects.
-
-        Ratios between the cables of the scene are kept.
-        """
+        """Return the cables with values and effects, at a trial's pretension [N]."""
         first = self.bench.cables[0]
         tension = values.get("pretension", first.pretension)
         if pretension is not None and first.pretension > 0.0:

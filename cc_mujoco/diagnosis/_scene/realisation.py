@@ -74,7 +74,7 @@ def read_channels(model: MjModel, data: MjData) -> Measured:
 
 
 def torque_weights(model: MjModel) -> FloatArray:
-    """Return weights (2, sensordata) whose products with it are the torques [N m]."""
+    """Return weights (2, sensordata) of all sensor data in motor and joint torque."""
     weights = np.zeros((len(TORQUES), model.nsensordata))
     for row, channel in enumerate(TORQUES):
         index = _index(model, mjtObj.mjOBJ_TUPLE, channel, "tuple")
@@ -239,7 +239,7 @@ def bias(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Delay sensors; if one reading comes early, delay all others instead."""
+    """Delay sensors; where one reading comes early, delay all others instead."""
     side = values["joint_delay"]
     motor, joint = values["motor_torque_delay"], values["joint_torque_delay"]
     late = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
@@ -364,7 +364,7 @@ def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def tilt_rig(model: MjModel, tilt: float) -> None:
-    """Turn gravity about the joint's axis, as if the rig was tilted by `tilt` [rad]."""
+    """Turn a rig with a found weight about its joint's axis by `tilt` [rad]."""
     number = mujoco.mj_name2id(model, mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
         model.actuator_biasprm[number, 2] += tilt  # phase of the ripple

@@ -242,7 +242,7 @@ def _check_settings(spec: MjSpec, bench: Bench) -> None:
 
 
 def _rehearse_motion(scene: MjSpec | Path, step: float, bench: Bench) -> None:
-    """Require that MuJoCo gives the torques of the cables alone in a short motion."""
+    """Require that a short motion in MuJoCo gives the torques of the cables alone."""
     count = min(max(round(0.3 / step), 200), 5000)
     phase = np.linspace(0.0, 4.0 * math.pi, count)
     low, high = bench.span
@@ -281,27 +281,24 @@ def rollout(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torques that the sensors of a scene show along a motion.
 
-    The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
-    motion begins elsewhere and takes a `lead_in`, on which the torques depend until the
-    whole cable has moved. Steps are the samples', unless a joint is free (a pulley with
-    backlash), then they are at most the scene's, or a sensor is late by less. Speeds
-    and accelerations are differences of the angles. Sensors that delay the angles are
-    allowed for: the torques returned are those that are shown together with the angles
-    given.
+    The first sample is at rest in pretension, as in `Transmission.replay`. A recorded
+    motion begins elsewhere and needs a `lead_in`, on which the torques depend until the
+    whole cable has moved. Time steps are the samples'; they are at most the scene's if
+    a joint is free (a pulley with backlash), and at most a sensor's delay. Speeds and
+    accelerations are differences of the angles. If sensors delay the angles, the
+    returned torques are those that are read together with the given angles.
 
     Args:
         scene: file, or specification with instruments.
-        time: (samples,) evenly spaced [s]; what sensors that drift start from.
+        time: (samples,) evenly spaced [s]; sensors drift with it.
         motor_angle: (samples,) [rad].
         joint_angle: (samples,) [rad]; of a lever positive where the cable pulls.
-        lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
-            pulley that it is at 0), to come from rest in the pose 0 to the first
+        lead_in: turns of the motor per turn of the joint (for a lever, of a pulley
+            equal to it at angle 0), to come from rest in the pose 0 to the first
             sample, see `records.with_lead_in`; None begins there at rest.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
-            joint is, for gravity that a diagnosis found [rad]; of a lever nothing shows
-            it.
-        cables: names of the cables that are played, of a scene with others besides,
-            which are left out.
+            joint is, for gravity that a diagnosis found [rad]; no effect on a lever.
+        cables: names of the cables to play; others of the scene are left out.
         driven: joint that these drive, where several move them.
         others: (samples,) of other joints that move the cables, by name [rad]; those
             that are not given stay where they are in the scene.
@@ -311,7 +308,7 @@ def rollout(
         puts into the joint, (samples,) each [N m].
 
     Raises:
-        CableError: arrays that do not fit, are uneven or not finite, a scene that is no
+        CableError: arrays of unequal length, uneven or not finite, a scene that is no
             bench, or one that does not stay finite.
     """
     clock, angles = _motion(time, motor_angle, joint_angle)
@@ -368,7 +365,7 @@ class _Sensors:
 
 
 class _Forces(_Sensors):
-    """Torques on motor and lever from the cable's forces, without sensors."""
+    """Torques on motor and lever, computed from forces of a cable without sensors."""
 
     def __init__(self, model: MjModel, bench: Bench) -> None:
         assert bench.lever is not None
@@ -526,7 +523,7 @@ def _instrumented_model(
 ) -> tuple[MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    With a lever it has none; other axes' cables are removed and its bench returned.
+    A lever has none: then it lacks other axes' cables, and its bench is returned, too.
     """
     if isinstance(scene, MjSpec):
         return scene.copy().compile(), None

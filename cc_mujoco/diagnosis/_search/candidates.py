@@ -33,7 +33,7 @@ _Key = tuple[str, tuple[float, ...], str]
 
 
 class Signature(NamedTuple):
-    """Estimated contribution of one effect, from one start, to the error."""
+    """Contribution that an effect, from one of its starts, could make to the error."""
 
     id: str  # of the effect
     start: dict[str, float]  # where it would explain most, amplitudes solved for
@@ -67,9 +67,9 @@ class Changes:
 
 
 class _Place:
-    """Fitted model to which effects are added to first order.
+    """Fitted model at which effects are linearised.
 
-    If `explained`, residuals are taken as small, where Huber's loss is quadratic.
+    If `explained`, its errors are taken as small, so that Huber's loss is quadratic.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class _Place:
         ]
 
     def start(self, name: str, number: int) -> dict[str, float]:
-        """Return start `number` of an effect, with the shape the cables have.
+        """Return start `number` of an effect, but with a shape that the cables have.
 
         Two effects may share a length of slip, which a small effect must not change.
         """
@@ -114,7 +114,7 @@ class _Place:
         return start
 
     def columns(self, name: str, number: int) -> FloatArray | None:
-        """Return changes (residuals, amplitudes); None if simulation is impossible."""
+        """Return residual changes (residuals, amplitudes); None if not simulable."""
         effect = self.problem.plant.library.effects[name]
         start = self.start(name, number)
         wider = self.problem.coarse.with_effect(name, start)
@@ -273,8 +273,8 @@ def changes_by_effects(
 ) -> dict[str, FloatArray]:
     """Return the changes of the residuals (residuals, amplitudes) by effect.
 
-    They are those of typical sizes, at the first start, as if the model explained the
-    data. Effects that cannot be simulated are left out.
+    They are for typical sizes at the first start, as if the model explained the data.
+    Effects that cannot be simulated are left out.
     """
     place = _Place(problem, x, masks, changes, explained=True)
     library = problem.plant.library.effects
@@ -327,7 +327,7 @@ class Round(NamedTuple):
     parted: tuple[str, ...] = ()  # rivals that still helped when it had been added
 
     def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
-        """Return the tied ids, that of the model first; () if the model has none.
+        """Return the tied effects, the one in the model first; () if none is in it.
 
         A rival that still helped was added, too, and is not tied. But if two were added
         and one was removed again, either may be the one that acts.
@@ -344,9 +344,8 @@ def comparison_z(
     """Return z of the difference of two models, by squared errors in blocks.
 
     `better` (blocks,) has the smaller sum, `before` is the squared error without
-    either. Noise and a form error make the standard deviation. The form error is
-    `share` times `before`; by default the usual share, at most the rest of the better
-    model.
+    either. The standard deviation is of noise and of a form error: `share` times
+    `before`, by default the usual share, at most the rest of the better model.
     """
     difference = worse - better
     noise = fitting.block_sum_deviation(difference)

@@ -42,7 +42,7 @@ from cc_mujoco.native import FloatArray
 def gap_shares(
     baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
-    """Return the share of error that returns without each effect; extend `known`."""
+    """Return the share of error that removing each effect restores; extend `known`."""
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
@@ -53,7 +53,7 @@ def gap_shares(
 
 
 def eliminate(now: CrossValidation, known: list[CrossValidation]) -> CrossValidation:
-    """Return the model without redundant earlier effects; append fits to `known`."""
+    """Return the model without redundant effects; append fitted models to `known`."""
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
         earlier = now.problem.effects[:-1]
@@ -131,7 +131,7 @@ def search(
 def names_found(
     baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
-    """Return the effects, with ties, that part of the `whole` search's data shows."""
+    """Return effects found in part of the data, each with ties; `whole` is of all."""
     course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
@@ -208,7 +208,7 @@ class _Additions:
     def screened(
         self, now: CrossValidation, ids: Sequence[str], changes: Changes
     ) -> list[Signature]:
-        """Return the signatures on top of `now`, at the mean of the folds' fits."""
+        """Return the signatures of effects on top of `now`, at its mean fit."""
         masks = fitting.divided_samples(now.division)
         return screening.screen(now.problem, now.x, masks, ids, now.division, changes)
 
@@ -219,7 +219,7 @@ class _Additions:
         refitted: Mapping[str, Candidate],
         progress: Progress,
     ) -> list[Candidate]:
-        """Return the effects that screening recommends, refitted, and lookalikes."""
+        """Return refitted effects that screening recommends, and their lookalikes."""
         chosen: list[Signature] = []
         if signatures:
             hopeful = Limit.min_predicted_share * Limit.min_reduction
@@ -269,7 +269,7 @@ class _Additions:
         return best
 
     def _like(self, now: CrossValidation, name: str) -> Candidate | None:
-        """Return the effect refitted from its fit to all data; None without one."""
+        """Return an effect refitted from a model of all data; None if not in any."""
         for model in self.whole.known if self.whole else ():
             known = model.problem
             if known.effects != (*now.problem.effects, name):
@@ -281,7 +281,7 @@ class _Additions:
         return None
 
     def _refit(self, now: CrossValidation, wider: Problem, starts: Arrays) -> Candidate:
-        """Return the last effect of the model `wider` as a refitted candidate."""
+        """Refit the model `wider`; return its last effect as a candidate."""
         name = wider.effects[-1]
         try:
             crossed = fitting.cross_validate(wider, now.division, starts)
@@ -313,7 +313,7 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
 def search_rare(
     found: Search, rare: Sequence[str], progress: Progress = no_progress
 ) -> Search:
-    """Return the search with rare effects, if the usual ones explain too little."""
+    """Repeat the search with rare effects if the usual ones explain too little."""
     explained = found.after.misfit <= Limit.max_explained_error
     if not rare or found.interrupted or explained:
         return found
@@ -334,11 +334,11 @@ def search_rare(
 def with_own_noise_floor(
     crossed: CrossValidation, whole: Search | None = None
 ) -> CrossValidation:
-    """Return the model with floor and weight of its own errors, simulated finely.
+    """Return the model with the floor and weight of its own errors.
 
-    With a much worse model's floor priors would outweigh the data. The floor is updated
-    while a refit halves it, or taken from the `whole` search if that has the same
-    model.
+    With the floor of a much worse model priors would outweigh the data. Floor and
+    resolution are updated by refits, or taken from the `whole` search if it has the
+    same model.
     """
     division = crossed.division
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
@@ -370,7 +370,7 @@ def with_own_noise_floor(
 
 
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
-    """Return the rounds without rivals that help beside the added effect."""
+    """Return the rounds; rivals that also help beside the leader are no ties."""
     found = []
     for step, after in zip_longest(rounds, rounds[1:]):
         helpful = {c.id for c in after.candidates if not c.reason} if after else set()
@@ -388,7 +388,7 @@ def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
 def _unrefitted_lookalikes(
     signatures: Sequence[Signature], candidates: Sequence[Candidate]
 ) -> list[Signature]:
-    """Return effects confusable with the best candidate that were not refitted yet."""
+    """Return effects easily confused with the best candidate, not refitted yet."""
     leader = max(candidates, key=lambda candidate: candidate.reduction)
     if leader.reduction < Limit.min_reduction:
         return []
@@ -474,10 +474,10 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, progress: Progress
 ) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
-    """Return the model without effects whose interval contains 0, its x, covariance.
+    """Return the final model, its parameters, spread and held-out predictions.
 
-    The effect whose removal costs least goes first. All go if the held-out data, which
-    are returned as predicted, do not support them.
+    Effects whose interval contains 0 go, the one whose removal costs least first. All
+    go if held-out data do not support them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -568,8 +568,8 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    One that explains little is more if it explains half of the squared error left
-    without it, beyond noise, and no larger effect is confused with it.
+    An effect that explains little is a finding if it explains half of the squared error
+    left without it, beyond noise, and no larger effect is confused with it.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
@@ -581,7 +581,7 @@ def only_refines(
 def check_agreement(
     baseline_fit: BaselineFit, found: Search, progress: Progress = no_progress
 ) -> Agreement:
-    """Repeat the search on parts of the data, among the effects tried in all."""
+    """Repeat the search on parts of the data with the effects that the whole tried."""
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})
@@ -640,9 +640,8 @@ def count_votes(
 def split_trials(records: Sequence[Record]) -> list[Masks]:
     """Return four halves of the free trials: first, last, odd and even ones.
 
-    Names usually follow load and speed; repetitions stay together. Only tilt
-    distinguishes a weight from a spring, so a half without trials of a tilt gets them
-    all.
+    Names usually follow load and speed; repetitions stay together. Only tilt tells a
+    weight from a spring, so a half without trials of a tilt gets them all.
     """
     tilts = {r.group: r.tilt for r in records if r.free.any()}
     groups = sorted(tilts)

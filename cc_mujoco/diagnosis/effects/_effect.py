@@ -275,7 +275,7 @@ def form_key(effect: str) -> str:
 def of_cable(
     name: str, low: float, high: float, typical: float, called: str = "", **more: Any
 ) -> EffectParameter:
-    """Return a parameter of the cable as an effect's, with the name `called` if any."""
+    """Return an effect's parameter equal to a cable's, `called` otherwise if given."""
     scale: Any = "log" if low > 0.0 else "linear"
     bounds: Any = {"low": low, "high": high, "low_open": False}
     known = replace(_OF_CABLES[name], name=called or name, scale=scale, **bounds)
@@ -305,8 +305,7 @@ def clamp_to_bounds(name: str, value: float) -> float:
 def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
     """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
 
-    It is elastic up to the angle `wind_up` [rad], then slides; the first sample is
-    relaxed.
+    It is elastic up to the angle `wind_up` [rad], then slides; it starts relaxed.
     """
     return (angle - follow_with_play(angle, wind_up)) / wind_up
 

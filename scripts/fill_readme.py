@@ -4,7 +4,7 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
-Writes the tables of parameters, materials and effects as CSV files, runs what
+Writes the tables of materials and effects as CSV files, runs what
 is not done yet of claims and benchmark, and replaces what stands between the marks of
 each block, on its page and, in short, on the front page; claims and the benchmark's
 scores by condition also go into CSV files. The benchmark is what `cc-mujoco benchmark`
@@ -28,8 +28,6 @@ from tqdm import tqdm
 from cc_mujoco import benchmark
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
-from cc_mujoco.cable import PARAMETERS
-from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
@@ -54,7 +52,6 @@ PAGES = {
 TABLES = {
     name: ROOT / "cc_mujoco" / folder / f"{name}.csv"
     for name, folder in {
-        "parameters": "cable",
         "materials": "design",
         "effects": "diagnosis",
     }.items()
@@ -135,7 +132,6 @@ def interval_text(figure: Figure, scale: float = 1.0) -> str:
 
 def package_tables() -> dict[str, list[list[str]]]:
     return {
-        "parameters": of_parameters.table_rows(PARAMETERS),
         "materials": material_rows(),
         "effects": of_effects.table_rows(EFFECTS.values()),
     }

@@ -1,25 +1,27 @@
-"""The cable: every parameter is one of its fields, described at the field.
+"""The cable: every parameter is one of its fields, described in `parameters.csv`.
 
     >>> from cc_mujoco.cable import Cable
     >>> cable = Cable.from_config({"conduit": "0.8:0.15 0.6:inf 0.6:0.4"})
     >>> round(cable.length, 3), round(cable.wrap, 3)
     (2.0, 6.833)
 
-The fields of `Cable` carry their unit, bounds, default, meaning and law; MJCF keys, the
-packed vector of the kernel and the parameters that a fit may vary are read off them as
-`PARAMETERS`.
+A row of the table states unit, bounds, default, meaning and, where the parameter
+switches one on, the law. MJCF keys, the packed vector of the kernel and the parameters
+that a fit may vary follow the fields as `PARAMETERS`.
 """
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from cc_mujoco.cable._parameter import Parameter, Term, parameter, parameters_of
+from cc_mujoco.cable._parameter import Parameter, Term, parameters_of
 from cc_mujoco.errors import CableError
 
 MAX_SEGMENTS, MAX_SECTIONS = 1000, 64
@@ -73,17 +75,30 @@ ALLOWED = {
 """Values of the keys that are no scalar parameters, in words."""
 
 
-MAX_SPRING_LOSS = 0.6
-"""Largest loss of a spring at an end: it slides back at a tenth of its tension."""
-_HARDENING = Term(
-    "C dT/du = 1 + h T", "Fung, Am. J. Physiol. 213, 1967 (soft tissue)", "elasticity",
-    ("load",),
-)  # fmt: skip
-_LOSS = Term(
-    "a bristle in parallel holds 3/2 of the loss of the tension of the spring",
-    "Iwan, J. Appl. Mech. 33, 1966, with a limit that grows with the load",
-    "elasticity", ("load", "history"),
-)  # fmt: skip
+def _read_parameters() -> dict[str, Parameter]:
+    """Read `parameters.csv`: the scalar parameters of a cable and their laws."""
+    found = {}
+    with Path(__file__).with_name("parameters.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            low, high = row["range"][1:-1].split(", ")
+            acts_on: Any = row["acts on"]
+            causes: Any = tuple(row["depends on"].split())
+            law = row["law"], row["source"], acts_on, causes, row["constant without"]
+            found[row["key"]] = Parameter(
+                row["key"], row["unit"], row["meaning"], float(low), float(high),
+                row["range"][0] == "(", float(row["default"]), source=row["source"],
+                term=Term(*law) if row["law"] else None,
+            )  # fmt: skip
+    return found
+
+
+_READ = _read_parameters()
+
+
+def _field(name: str) -> float:
+    """Return a field that has the default and the descriptor of a parameter."""
+    metadata = {"parameter": _READ[name]}
+    return dataclasses.field(default=_READ[name].default, metadata=metadata)
 
 
 class Section(NamedTuple):
@@ -121,332 +136,50 @@ class Cable:
         CableError: a value is outside its range.
     """
 
-    axial_stiffness: float = parameter(
-        unit="N", bounds=(0.0, 1e9), default=4000.0, low_open=True,
-        meaning="EA of the cable: tension per unit strain (thesis k_c, 2.8)",
-    )  # fmt: skip
-    pretension: float = parameter(
-        unit="N", bounds=(0.0, 1e6), default=10.0,
-        meaning="uniform tension in the reference pose",
-    )  # fmt: skip
-    friction: float = parameter(
-        unit="1", bounds=(0.0, 5.0), default=0.15,
-        meaning="kinetic Coulomb coefficient mu_d (2.6)",
-        term=Term("dT/dx = s mu_d T/R", "thesis 2.6, 2.10", "coefficient"),
-    )  # fmt: skip
-    static_friction: float = parameter(
-        unit="1", bounds=(0.0, 5.0), default=0.0,
-        meaning=(
-            "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least "
-            "`friction`"
-        ),
-        term=Term(
-            (
-                "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) "
-                "exp(-slip/critical_slip_distance)"
-            ),
-            "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972",
-            "coefficient", ("history",), "critical_slip_distance",
-        ),
-    )  # fmt: skip
-    critical_slip_distance: float = parameter(
-        unit="m", bounds=(0.0, 1.0), default=0.0,
-        meaning=(
-            "slip over which break-away and Stribeck friction adapt; 0 is at once"
-        ),
-    )  # fmt: skip
-    viscous_friction: float = parameter(
-        unit="N s/m^2", bounds=(0.0, 1e6), default=0.0,
-        meaning="drag per conduit length and slip speed; 0 is off",
-        term=Term("dT/dx = c v", "thesis 2.4.4, Fig. 2.13", "drag", ("rate",)),
-    )  # fmt: skip
-    stribeck_friction: float = parameter(
-        unit="1", bounds=(0.0, 5.0), default=0.0,
-        meaning="extra friction coefficient at vanishing slip speed; 0 is off",
-        term=Term(
-            "mu += mu_b ((1 - q) exp(-d) + q/(1 + d)), d = (|v|/v_b)^p",
-            "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
-            "coefficient", ("rate",),
-        ),
-    )  # fmt: skip
-    stribeck_speed: float = parameter(
-        unit="m/s", bounds=(0.0, 10.0), default=0.01, low_open=True,
-        meaning="slip speed over which the Stribeck term decays",
-    )  # fmt: skip
-    stribeck_exponent: float = parameter(
-        unit="1", bounds=(0.0, 10.0), default=1.0, low_open=True,
-        meaning="exponent p of that decay; 2 is Gaussian",
-    )  # fmt: skip
-    stribeck_tail: float = parameter(
-        unit="1", bounds=(0.0, 1.0), default=0.0,
-        meaning="share q of a slow tail in it; 1 with p = 2 is Lorentzian",
-    )  # fmt: skip
-    load_independent_friction: float = parameter(
-        unit="N/m", bounds=(0.0, 1e5), default=0.0,
-        meaning="drag per conduit length that needs no tension; 0 is off",
-        term=Term(
-            "dT/dx = s f_0",
-            "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014", "drag",
-        ),
-    )  # fmt: skip
-    seal_proximal: float = parameter(
-        unit="N", bounds=(0.0, 1e5), default=0.0,
-        meaning="drag of the seal at the proximal end; needs no tension; 0 is off",
-        term=Term(
-            "T jumps by s F at the proximal end", "dry friction of wipers and ferrules",
-            "drag",
-        ),
-    )  # fmt: skip
-    seal_distal: float = parameter(
-        unit="N", bounds=(0.0, 1e5), default=0.0,
-        meaning="the same at the distal end of the conduit",
-        term=Term(
-            "T jumps by s F at the distal end", "dry friction of wipers and ferrules",
-            "drag",
-        ),
-    )  # fmt: skip
-    friction_asymmetry: float = parameter(
-        unit="1", bounds=(-0.9, 0.9), default=0.0,
-        meaning=(
-            "a: friction times 1 + a for slip towards proximal, 1 - a towards distal"
-        ),
-        term=Term(
-            "mu *= 1 + a towards proximal, 1 - a towards distal",
-            (
-                "direction-dependent efficiency, e.g. the drive and backdrive friction "
-                "of Duclusaud et al., arXiv 2410.08650, 2024"
-            ),
-            "coefficient", ("direction",),
-        ),
-    )  # fmt: skip
-    end_compliance: float = parameter(
-        unit="m/N", bounds=(0.0, 1.0), default=0.0,
-        meaning="spring between the cable and its distal end; 0 is off",
-        term=Term("u_distal += C T_distal", "springs in series", "elasticity"),
-    )  # fmt: skip
-    proximal_compliance: float = parameter(
-        unit="m/N", bounds=(0.0, 1.0), default=0.0,
-        meaning="the same at the proximal end",
-        term=Term("u_proximal -= C T_proximal", "springs in series", "elasticity"),
-    )  # fmt: skip
-    end_hardening: float = parameter(
-        unit="1/N", bounds=(0.0, 10.0), default=0.0,
-        meaning=(
-            "h: the spring at the distal end is 1 + h T times as stiff at a tension T, "
-            "as textile and skin are; 0 is off"
-        ),
-        term=_HARDENING,
-    )  # fmt: skip
-    end_loss: float = parameter(
-        unit="1", bounds=(0.0, MAX_SPRING_LOSS), default=0.0,
-        meaning=(
-            "share of the work that the spring at the distal end takes up and does not "
-            "give back; 0 is off"
-        ),
-        term=_LOSS,
-    )  # fmt: skip
-    proximal_hardening: float = parameter(
-        unit="1/N", bounds=(0.0, 10.0), default=0.0,
-        meaning="`end_hardening` of the spring at the proximal end",
-        term=_HARDENING,
-    )  # fmt: skip
-    proximal_loss: float = parameter(
-        unit="1", bounds=(0.0, MAX_SPRING_LOSS), default=0.0,
-        meaning="`end_loss` of the spring at the proximal end",
-        term=_LOSS,
-    )  # fmt: skip
-    bristle_length: float = parameter(
-        unit="m", bounds=(0.0, 1.0), default=0.0,
-        meaning=(
-            "elastic displacement over which friction builds up (presliding); 0 is off"
-        ),
-        term=Term(
-            "dF/dw = F_Coulomb/z_b until F = F_Coulomb",
-            (
-                "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, 1968; with "
-                "normal force, Palli and Melchiorri, Mechatronics 24, 2014"
-            ),
-            "elasticity", ("history",),
-        ),
-    )  # fmt: skip
-    tension_exponent: float = parameter(
-        unit="1", bounds=(-1.0, 1.0), default=0.0,
-        meaning=(
-            "e: friction times (T / pretension)^e, T at least 1 % of the pretension"
-        ),
-        term=Term(
-            "mu *= (T/T_0)^e",
-            "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008",
-            "coefficient", ("load",),
-        ),
-    )  # fmt: skip
-    ageing_friction: float = parameter(
-        unit="1", bounds=(0.0, 5.0), default=0.0,
-        meaning=(
-            "beta: friction grows by beta ln(1 + t / ageing_time) with the age "
-            "t of the contacts, which slip over `critical_slip_distance` renews; 0 is "
-            "off"
-        ),
-        term=Term(
-            "mu += beta ln(1 + t/t_0) with contacts of age t",
-            (
-                "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. Geophys. Res. 88, "
-                "1983"
-            ),
-            "coefficient", ("history", "time"),
-        ),
-    )  # fmt: skip
-    ageing_time: float = parameter(
-        unit="s", bounds=(0.0, 1e6), default=1.0, low_open=True,
-        meaning="time scale of that growth",
-    )  # fmt: skip
-    wrap_growth: float = parameter(
-        unit="1/m", bounds=(-1e3, 1e3), default=0.0,
-        meaning=(
-            "g: wrap angles times 1 + g u, u the distal displacement from the rest pose"
-        ),
-        term=Term(
-            "wrap angle *= 1 + g u_distal, in the last part of the conduit",
-            "a routing that bends with the joint; thesis Experiment 1b", "coefficient",
-            ("place",),
-        ),
-    )  # fmt: skip
-    wrap_reach: float = parameter(
-        unit="1", bounds=(0.0, 1.0), default=1.0, low_open=True,
-        meaning="share of the conduit, from its distal end, in which they do",
-    )  # fmt: skip
-    friction_drift: float = parameter(
-        unit="1/s", bounds=(-1e3, 1e3), default=0.0,
-        meaning="d: friction times 1 + d t + h W, t the time since the start",
-        term=Term(
-            "mu *= 1 + d t", "wear and weather, thesis 3.2.3", "coefficient", ("time",),
-        ),
-    )  # fmt: skip
-    friction_heating: float = parameter(
-        unit="1/J", bounds=(-1e3, 1e3), default=0.0,
-        meaning="h: of the heat W that friction left in the conduit; 0 is off",
-        term=Term(
-            "mu *= 1 + h W, dW/dt = friction power - W/t_c",
-            "a liner that warms up by its own friction, one thermal mass",
-            "coefficient", ("time",),
-        ),
-    )  # fmt: skip
-    cooling_time: float = parameter(
-        unit="s", bounds=(0.0, 1e9), default=60.0, low_open=True,
-        meaning="time in which that heat falls to 1/e",
-    )  # fmt: skip
-    bedding_strain: float = parameter(
-        unit="1", bounds=(0.0, 1.0), default=0.0,
-        meaning=(
-            "e: strain by which a cable is longer before its strands lie close; "
-            "`axial_stiffness` is that of the taut cable; 0 is off"
-        ),
-        term=Term(
-            "strain = T / EA + e T / (T + T_b)",
-            "constructional stretch of ropes, as their makers give it", "elasticity",
-            ("load",),
-        ),
-    )  # fmt: skip
-    bedding_tension: float = parameter(
-        unit="N", bounds=(0.0, 1e6), default=20.0, low_open=True,
-        meaning="T_b: tension that takes half of that strain",
-    )  # fmt: skip
-    clearance: float = parameter(
-        unit="m", bounds=(0.0, 0.01), default=0.0,
-        meaning=(
-            "c: play of the cable across its conduit, by which its path is shorter per "
-            "wrap where it is taut; 0 is off"
-        ),
-        term=Term(
-            "path -= c theta T / (T + T_c)",
-            "geometry: slack cable lies at the outer wall, taut at the inner",
-            "elasticity", ("load",),
-        ),
-    )  # fmt: skip
-    seating_tension: float = parameter(
-        unit="N", bounds=(0.0, 1e6), default=5.0, low_open=True,
-        meaning="T_c: tension at which half of that play is taken up",
-    )  # fmt: skip
-    stress_relaxation: float = parameter(
-        unit="1", bounds=(0.0, 1.0), default=0.0,
-        meaning=(
-            "share of the pretension that the rest pose loses in the end, as "
-            "the cable grows longer; 0 is off"
-        ),
-        term=Term(
-            "T_0 *= 1 - c (1 - exp(-t/t_c))", "standard linear solid", "elasticity",
-            ("time",),
-        ),
-    )  # fmt: skip
-    relaxation_time: float = parameter(
-        unit="s", bounds=(0.0, 1e9), default=60.0, low_open=True,
-        meaning="time scale of that loss",
-    )  # fmt: skip
-    clamp_creep_proximal: float = parameter(
-        unit="m/(N s)", bounds=(0.0, 1.0), default=0.0,
-        meaning=(
-            "c: speed at which the conduit slides for good in its clamp at the "
-            "proximal end, per tension above `clamp_force`; 0 is off"
-        ),
-        term=Term(
-            "ds/dt = c max(T_proximal - F, 0), the path shorter by s",
-            "plastic flow above a yield force, Bingham 1922", "elasticity",
-            ("history", "time"),
-        ),
-    )  # fmt: skip
-    clamp_creep_distal: float = parameter(
-        unit="m/(N s)", bounds=(0.0, 1.0), default=0.0,
-        meaning="the same at the distal end",
-        term=Term(
-            "ds/dt = c max(T_distal - F, 0), the path shorter by s",
-            "plastic flow above a yield force, Bingham 1922", "elasticity",
-            ("history", "time"),
-        ),
-    )  # fmt: skip
-    clamp_force: float = parameter(
-        unit="N", bounds=(0.0, 1e6), default=50.0,
-        meaning="F: force up to which a clamp holds the end of the conduit",
-    )  # fmt: skip
-    eccentricity: float = parameter(
-        unit="m", bounds=(0.0, 0.1), default=0.0,
-        meaning=(
-            "e: lever of the cable on the proximal pulley plus e cos(q - phase) at "
-            "its angle q; 0 is off"
-        ),
-        term=Term("r + e cos(q - phase)", "geometry", "pulley", ("place",)),
-    )  # fmt: skip
-    eccentricity_phase: float = parameter(
-        unit="rad", bounds=(-10.0, 10.0), default=0.0,
-        meaning=(
-            "pulley angle at which that is largest; pi more for the antagonist of a "
-            "pair that leaves the pulley on its two sides"
-        ),
-    )  # fmt: skip
-    ovality: float = parameter(
-        unit="m", bounds=(0.0, 0.1), default=0.0,
-        meaning="o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
-        term=Term("r + o cos(2 q - phase)", "geometry", "pulley", ("place",)),
-    )  # fmt: skip
-    ovality_phase: float = parameter(
-        unit="rad", bounds=(-10.0, 10.0), default=0.0,
-        meaning="twice an angle of largest radius",
-    )  # fmt: skip
-    grease_drag: float = parameter(
-        unit="N/m", bounds=(0.0, 1e6), default=0.0,
-        meaning="g: drag of grease per conduit length at a slip of 1 m/s; 0 is off",
-        term=Term(
-            "dT/dx = s g |v|^n",
-            (
-                "Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; its yield stress "
-                "is `load_independent_friction`"
-            ),
-            "drag", ("rate",),
-        ),
-    )  # fmt: skip
-    grease_exponent: float = parameter(
-        unit="1", bounds=(0.0, 1.0), default=0.5, low_open=True,
-        meaning="n: power of the slip speed in m/s that it grows with; 1 is viscous",
-    )  # fmt: skip
+    axial_stiffness: float = _field("axial_stiffness")
+    pretension: float = _field("pretension")
+    friction: float = _field("friction")
+    static_friction: float = _field("static_friction")
+    critical_slip_distance: float = _field("critical_slip_distance")
+    viscous_friction: float = _field("viscous_friction")
+    stribeck_friction: float = _field("stribeck_friction")
+    stribeck_speed: float = _field("stribeck_speed")
+    stribeck_exponent: float = _field("stribeck_exponent")
+    stribeck_tail: float = _field("stribeck_tail")
+    load_independent_friction: float = _field("load_independent_friction")
+    seal_proximal: float = _field("seal_proximal")
+    seal_distal: float = _field("seal_distal")
+    friction_asymmetry: float = _field("friction_asymmetry")
+    end_compliance: float = _field("end_compliance")
+    proximal_compliance: float = _field("proximal_compliance")
+    end_hardening: float = _field("end_hardening")
+    end_loss: float = _field("end_loss")
+    proximal_hardening: float = _field("proximal_hardening")
+    proximal_loss: float = _field("proximal_loss")
+    bristle_length: float = _field("bristle_length")
+    tension_exponent: float = _field("tension_exponent")
+    ageing_friction: float = _field("ageing_friction")
+    ageing_time: float = _field("ageing_time")
+    wrap_growth: float = _field("wrap_growth")
+    wrap_reach: float = _field("wrap_reach")
+    friction_drift: float = _field("friction_drift")
+    friction_heating: float = _field("friction_heating")
+    cooling_time: float = _field("cooling_time")
+    bedding_strain: float = _field("bedding_strain")
+    bedding_tension: float = _field("bedding_tension")
+    clearance: float = _field("clearance")
+    seating_tension: float = _field("seating_tension")
+    stress_relaxation: float = _field("stress_relaxation")
+    relaxation_time: float = _field("relaxation_time")
+    clamp_creep_proximal: float = _field("clamp_creep_proximal")
+    clamp_creep_distal: float = _field("clamp_creep_distal")
+    clamp_force: float = _field("clamp_force")
+    eccentricity: float = _field("eccentricity")
+    eccentricity_phase: float = _field("eccentricity_phase")
+    ovality: float = _field("ovality")
+    ovality_phase: float = _field("ovality_phase")
+    grease_drag: float = _field("grease_drag")
+    grease_exponent: float = _field("grease_exponent")
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -1,8 +1,7 @@
 """Descriptor of a quantity that is set, varied, fitted or reported.
 
-    friction_drift: float = parameter(
-        unit="1/s", bounds=(-1e3, 1e3), default=0.0, meaning="...",
-        term=Term("mu *= 1 + d t", "thesis 3.2.3", "coefficient", ("time",)),
+    period: float = parameter(
+        unit="s", bounds=(0.0, 1e3), default=1e-3, meaning="time between two steps"
     )
     Parameter("gearing", "1", "turns of the rotor per turn of the pulley", 0.0, 1e4)
 
@@ -16,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal, NamedTuple
@@ -159,13 +157,9 @@ def parameter(
     default: float,
     meaning: str,
     low_open: bool = False,
-    term: Term | None = None,
 ) -> float:
     """Define a field of a dataclass that carries its `Parameter`."""
-    source = term.source if term else ""
-    described = Parameter(
-        "", unit, meaning, *bounds, low_open, default, source=source, term=term
-    )
+    described = Parameter("", unit, meaning, *bounds, low_open, default)
     return dataclasses.field(default=default, metadata={"parameter": described})
 
 
@@ -176,10 +170,3 @@ def parameters_of(owner: Any) -> tuple[Parameter, ...]:
         for field in dataclasses.fields(owner)
         if "parameter" in field.metadata
     )
-
-
-def table_rows(parameters: Iterable[Parameter]) -> list[list[str]]:
-    """Return parameters as rows of text, below a row of column titles."""
-    head = ["key", "unit", "range", "default", "meaning"]
-    rows = [[p.name, p.unit, p.span, f"{p.default:g}", p.meaning] for p in parameters]
-    return [head, *rows]

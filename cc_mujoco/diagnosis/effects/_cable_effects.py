@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cc_mujoco.cable._cable import MAX_SPRING_LOSS
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
@@ -400,7 +399,7 @@ class SoftAnchor:
         return [
             Size("anchor_compliance", "m/N", 1e-5, given, 0.0, 0.01),
             Shape("anchor_hardening", "1/N", [3e-3, 0.03], 1e-4, 1.0, stiffer),
-            Shape("anchor_loss", "1", [0.1, 0.3], 0.0, MAX_SPRING_LOSS, lost),
+            Shape("anchor_loss", "1", [0.1, 0.3], 0.0, 0.6, lost),
         ]
 
     def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:

@@ -727,7 +727,7 @@ verdicts were right at least as often. Beyond the error no rate is known
 
 
 def probabilities(z: Mapping[str, float]) -> dict[str, float]:
-    """Return probabilities by id, of z over each alternative; "" is the model."""
+    """Return the probability of a model, "", and of rivals, by its z over each."""
     normal = NormalDist()
     weights = {name: normal.cdf(-each) / normal.cdf(each) for name, each in z.items()}
     weights[""] = 1.0

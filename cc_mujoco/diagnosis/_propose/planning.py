@@ -55,7 +55,7 @@ Owners = Sequence[tuple[str, float]]
 
 
 class Resolved(NamedTuple):
-    """How clearly a set of trials shows one effect and separates it from others."""
+    """Visibility of one effect in a set of trials, and its separation from others."""
 
     id: str  # of the effect
     plausible: float  # size of its first amplitude that is plausible on the rig

@@ -215,7 +215,7 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
 
 
 def draw_maps(maps: list[Map], both: bool) -> Figure:
-    """Draw the mean error over each axis, one panel per map; `both` models or one."""
+    """Draw the mean error along each map's axis, a panel each; `both` models or one."""
     drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(maps))
     panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
     for axes, each in zip(panels, maps, strict=True):

@@ -236,7 +236,7 @@ def _step_all(
 
 
 class LawTables(NamedTuple):
-    """Numbers of a law besides its parameters."""
+    """Shape, tables and places in the memory of a law, besides its parameters."""
 
     shape: tuple[int, ...]  # whole numbers, see `_law_steps`
     numbers: tuple[float, ...]  # real numbers that no parameter changes
@@ -303,7 +303,7 @@ class SteppedController(Controller):
 
     @abstractmethod
     def law_tables(self) -> LawTables:
-        """Return the numbers of the law besides its parameters."""
+        """Return shape, tables and places in the memory of the law."""
 
     def parameters(self) -> list[float]:
         """Return the parameters, in order; see `_law_steps`."""
@@ -364,7 +364,7 @@ class SteppedController(Controller):
         return readings(observation, self.stepped.seen)
 
     def answer(self, seen: FloatArray) -> FloatArray:
-        """Return the torque of the motor after measurements (rows,) [N m]."""
+        """Return the motor torques (rows,) [N m] for measurements (rows, readings)."""
         memory, found = self.memory(len(seen)), np.empty(len(seen))
         _step_all(
             self._place, memory, self._shape, self._numbers, seen, self._guarded, found

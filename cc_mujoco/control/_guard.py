@@ -631,7 +631,7 @@ def admit(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _credible(own: Guarded) -> float:
-    """Return the stretch torque, limited by what the motor can have caused [N m]."""
+    """Return the stretch torque, as far as fit or motor torque support it [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
     if _explains(memory, _SET.max_misfit):

@@ -104,7 +104,7 @@ class DriveGains:
 
 @dataclass(frozen=True)
 class FeedbackGains(DriveGains):
-    """Parameters of a law with feedback."""
+    """Parameters of a law with feedback: those of `DriveGains`, then its gains."""
 
     feed_forward: float = gain(
         "1", 0.0, 1.0, 1.0, "1 where the desired torque is fed forward, else 0"

@@ -355,7 +355,7 @@ def learn(planner: Planner, state: FloatMatrix) -> None:
 def _load_slope(
     cables: stepper.Cables, k: int, state: FloatArray, sign: float
 ) -> float:
-    """Return the derivative of the motor's load by the logarithm of friction [N m]."""
+    """Return the motor load's derivative by the log of friction of cable k [N m]."""
     n, wrap = cables.n[k], 0.0
     angles = segment_angles(cables.prm[k], n)
     for j in range(n):

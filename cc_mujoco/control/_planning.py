@@ -40,7 +40,7 @@ class _Motor(NamedTuple):
 
 
 class _Deviations(NamedTuple):
-    """Quadratic cost of the increments of a plan of commands."""
+    """Terms of the quadratic cost of command increments in `optimise_commands`."""
 
     angle: FloatArray  # error of the angle without increments (knots,) [rad]
     command: FloatArray  # command less holding torque without them (knots,) [N m]

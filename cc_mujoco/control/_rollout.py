@@ -15,7 +15,7 @@ MAX_EVALUATIONS = 12  # of a torque in a search for an angle of the motor
 
 
 class MotorSearch(NamedTuple):
-    """Search for the motor angle at which the cables make a torque, in one plan."""
+    """Inputs, output and scratch of `find_motor_angle`, in one plan."""
 
     cables: stepper.Cables
     state: FloatMatrix  # before the step (cables, numbers)

@@ -69,7 +69,7 @@ class JointTorques:
 def own_readings(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> None:
-    """Write the readings as the law of each axis expects them to the memory."""
+    """Write to `memory` what the law of each axis reads, from all `readings`."""
     count, axes, joints = shape[0], shape[1], shape[2]
     rows = whole_rows_of(shape, 3, _ROWS, axes)  # behind the three numbers
     memory[:count] = readings[:count]

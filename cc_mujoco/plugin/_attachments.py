@@ -50,7 +50,7 @@ def end_radius(model: MjModel, actuator: int) -> float:
 
 @internal
 def is_length(metres: float) -> bool:
-    """Return whether a length [m] is finite and within `mjMAXVAL`, MuJoCo's limit."""
+    """Return whether a length [m] is a finite number within MuJoCo's `mjMAXVAL`."""
     return abs(metres) <= float(mujoco.mjMAXVAL)
 
 

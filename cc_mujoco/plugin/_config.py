@@ -135,7 +135,7 @@ def block_size(block: int) -> int:
 
 @internal
 def segment_count(block: int) -> int:
-    """Return the number of segments by the attributes, or 0 if it is not allowed."""
+    """Return the number of segments in an attribute block, 0 if it is not allowed."""
     written = strip(key_text(block, KEY.segments))
     if key_text(block, KEY.segments).size == 0:
         return cable.Cable.segments
@@ -249,7 +249,7 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 
 @internal
 def explain(message: Message, block: int, key: int) -> None:
-    """Append name, value and allowed values of a key that cannot be used."""
+    """Append to `message` the name, value and allowed values of an unusable key."""
     for part in ("key `", KEYS[key], "` is "):
         append(message, part)
     written = key_text(block, key)

@@ -144,7 +144,7 @@ def origin(
 
 @internal
 def save_first_stage(block: Block, data: MjData, state: int) -> None:
-    """Keep the new state, found from that at `state`, as that after RK4's stage 1."""
+    """Keep the new state, found from that at `state`, for the later stages of RK4."""
     n, first = block.segments, block + block.first_stage
     copy(block + block.new_state, first, 8 * kernel.state_size(n))
     kept = blocks.committed(first, n)

@@ -1,7 +1,7 @@
 """Compiled prediction of the motion of the cable ends in the coming step.
 
-The force of a cable is due before MuJoCo knows where the step leads. An end is a stiff
-spring, and where the step is long for it, it takes the tension at
+MuJoCo needs the force of a cable before it has computed the step. An end is a stiff
+spring, and if the step is long for its stiffness, its force is the tension at
 
     x + alpha h v + beta h^2 a(T)
 
@@ -12,50 +12,51 @@ a spring of the frequency w/sqrt(1 + beta (h w)^2) in the place of w. With
 
     beta = max(1/s - 1/(h w)^2, 0)
 
-that is no more than sqrt(s)/h, which is stable, and an end is implicit by as much as
-stability needs: not at all below. For Euler and its kin s is 2.5 and
+that is no more than sqrt(s)/h, which is stable. So an end is implicit by as much as
+stability needs, and explicit if (h w)^2 is below s. For all integrators but RK4 s is
+2.5 and
 
     alpha = 0.25 (s beta)^2,
 
-which damps what the step cannot resolve; they are stable below s (1 + 2 alpha) = 4. At
-s >= 2.4, beta is at most 1/6 where explicit ends are stable, so that the frequency is
-off by (beta - 1/12) (h w)^2 / 2, no more than theirs. RK4 damps by itself, most at s of
-6; there s is 5.8, of 8, alpha is 0, and each of its four stages looks ahead from its
-own displacement, by the stiffness that it meets. All springs of a cable beyond its ends
-stay explicit, and all under `discrete`, whose constraints are known only after the
-actuators.
+which damps vibration that the step cannot resolve; they are stable below s (1 + 2
+alpha) = 4. With s >= 2.4, beta is at most 1/6 where explicit ends are stable, so that
+the frequency is off by (beta - 1/12) (h w)^2 / 2, no more than theirs. RK4 has damping
+of its own, most at s of 6; for it s is 5.8 (stable up to 8) and alpha is 0, and each of
+its four stages predicts from its own displacement, by the stiffness there. All springs
+of a cable beyond its ends stay explicit, and so do the ends under `discrete`, whose
+constraints are known only after the actuators.
 
 `_predict_acceleration` solves for a as MuJoCo does: smooth forces, with those of the
 cables as they were, and the constraints that are active at the acceleration of the step
 before, or, tried again, at the one found with them; a friction cone that slips keeps
-its force. So are the dampers that the integrator takes implicitly: those of joints,
+its force. It includes the dampers that the integrator takes implicitly: those of joints
 and, under `implicit` and `implicitfast`, those of tendons and of actuators of affine
 gain or bias.
 
-A cable pulls and does not push. Where an end is implicit, the tension that Newmark's
-method gives is right while the cable stays taut. If slack runs out within a step, or
-returns, it is not: an end that meets the cable with the speed v sinks in by up to h v,
-which throws it back with up to 1.5 v. Such a step is one of the backward Euler method
-instead: the end takes the tension of the place to which the step leads,
+A cable pulls and does not push. At an implicit end the tension that Newmark's method
+gives is right while the cable stays taut. If slack runs out within a step, or returns,
+it is not: an end that meets the cable with the speed v stretches it by up to h v, which
+throws it back with up to 1.5 v. Such a step is one of the backward Euler method
+instead: the end has the tension of the position after the step,
 
     T = F(x + h v + h^2 a(T)).
 
-What that gives out is no more than what is stored. With m the mass that an end moves, V
-the energy of the cable, of the slope F, which grows with x, and x' = x + h v',
+The cable then gives out no more energy than it stored. With m the mass that an end
+moves, V the energy of the cable, F = dV/dx, which grows with x, and x' = x + h v',
 
     m (v'^2 - v^2) / 2 + V(x') - V(x) <= -(h T)^2 / (2 m).
 
 So the end of a cable that snaps taut comes back with less than its own speed, and what
 the step cannot resolve is lost.
 
-Under RK4 each stage is evaluated first at its own displacements; an end is implicit by
-what the stiffness that it met needs, from that of a cable that slips to that of an end
-that friction holds. Where RK4 resolves the vibration on a cable that slips, an end that
-becomes slack stays as it is, and one that becomes taut takes the tension of the middle
-of what is left of the step at the stage. A motor of 2e-3 kg m^2 on an ankle of 1 kg m^2
-that is thrown into slack, at 4 steps a period, then errs by 7 % of the tension
-(`tests/plugin/test_implicit_ends.py`); with backward Euler in all stages by 16 %, with
-explicit ends by 6 %, which give out more energy.
+Under RK4 each stage is evaluated first at its own displacements, which shows the
+stiffness there, between that of a cable that slips and that of an end that friction
+holds; this stiffness determines beta. If RK4 resolves the vibration on a cable that
+slips, an end that becomes slack stays as it is, and one that becomes taut has the
+tension of the middle of the rest of the step at the stage. A motor of 2e-3 kg m^2 on an
+ankle of 1 kg m^2 that is thrown into slack, at 4 steps a period, then errs by 7 % of
+the tension (`tests/plugin/test_implicit_ends.py`); with backward Euler in all stages by
+16 %, with explicit ends by 6 %, which give out more energy.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ the inertia; by a factor with constraints; by factors with constraints and dampe
 
 
 class _Prediction(NamedTuple):
-    """The step as it is predicted; vectors are (nv,), matrices (nv * nv,)."""
+    """Predicted motion and its matrices; vectors are (nv,), matrices (nv * nv,)."""
 
     found: FloatArray  # acceleration
     force: FloatArray  # sum of the smooth forces

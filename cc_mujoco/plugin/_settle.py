@@ -87,7 +87,7 @@ def step_limits(
     About an inertia J that an end moves by a pulley of radius r alone, steps below
     2 / sqrt(stiffness r^2 / J) are stable for it; for the general case see
     `_stability_limits.py`. If the step is longer than 0.8 of that for a cable alone,
-    its ends are implicit and bear any step, unless it has `ends` = `explicit`. Cables
+    its ends are implicit and always stable, unless it has `ends` = `explicit`. Cables
     of one joint that pass the limit only together stay explicit. Pieces of an open path
     are always explicit, and the stiffer the shorter they are. The plugin warns, through
     MuJoCo, of a `timestep` that is too long.

@@ -1,4 +1,4 @@
-"""Longest time step that a cable bears, compiled.
+"""Longest stable time step of a cable, compiled.
 
 The force of a cable is explicit, because MuJoCo knows it only at the start of a step,
 except at ends that `_implicit_ends.py` makes implicit. An end is a spring. It is

@@ -197,7 +197,7 @@ def can_push(original: mujoco.MjModel, burden: Burden) -> bool:
 
 
 def kind_of(model: mujoco.MjModel, actuator: int) -> str:
-    """Return the element of MJCF that an actuator was written as, or acts like."""
+    """Return the MJCF element ("motor", "position") that an actuator acts like."""
     gain, bias = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
     if model.actuator_plugin[actuator] >= 0:
         return "plugin"

@@ -379,7 +379,7 @@ class Cable:
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
     def with_friction(self, friction: float) -> Cable:
-        """Return a copy with another kinetic friction and the same static ratio.
+        """Return a copy with other kinetic friction, static friction in proportion.
 
         Args:
             friction: coefficient [-]. If the present one is 0, there is no ratio of

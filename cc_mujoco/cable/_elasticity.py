@@ -143,7 +143,7 @@ def compliance_between(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def stretch_of(piece: Piece, tension: float) -> float:
-    """Stretch [m] at a tension [N]."""
+    """Return the stretch [m] at a tension [N]."""
     if tension <= 0.0:
         return tension * _slack_compliance(piece)
     ending = piece.bedding / (tension + piece.half)

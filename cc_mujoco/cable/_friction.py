@@ -98,7 +98,7 @@ def _weighted_length(length: float, growth: float) -> float:
 def drag(
     values: FloatArray, length: float, growth: float, j: int, guided: int
 ) -> float:
-    """Return B [N] of segment j, which rubs over `length` [m] and has E = `growth`.
+    """Return B [N], the drag of segment j over `length` [m]; `growth` is its E.
 
     The first `guided` segments are in a conduit, which may have a seal at either end.
     """
@@ -143,7 +143,7 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
 def viscosity(
     values: FloatArray, length: float, growth: float, speed: float, dt: float
 ) -> float:
-    """Return C of a segment at a slip speed [m/s], per displacement in `dt` [N/m]."""
+    """Return C, viscous drag of a segment per displacement in a step `dt` [N/m]."""
     viscous: float = values[PLACE.viscous_friction] + grease_viscosity(values, speed)
     if viscous == 0.0:
         return 0.0

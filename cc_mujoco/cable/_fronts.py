@@ -92,7 +92,7 @@ def _front(work: FloatArray, m: int) -> _Front:
 def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) -> None:
     """Carry a front from one node to the next, across a segment that slips.
 
-    `way` is positive if the segment slips away from the front's end.
+    `way` is positive if the segment slips in the direction of the front's march.
     """
     s, c, e = min(near, far), front.c[near], front.e[near]
     growth, drag = chain.growth[s], chain.drag[s]
@@ -110,9 +110,9 @@ def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) ->
 def _run(
     front: _Front, near: int, stop: int, chain: CoulombChain, direction: int
 ) -> int:
-    """Carry a front on in a direction of slip; return the node where friction holds it.
+    """Carry a front on while segments slip in `direction`; return the node reached.
 
-    It does not reach the node `stop`.
+    It stops before the node `stop`.
     """
     step = 1 if stop > near else -1
     way = step * direction

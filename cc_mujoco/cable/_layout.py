@@ -14,10 +14,9 @@ State vector:
     3                  stretch of the cable, negative where it is slack [m]; 0 where its
                        path may lengthen, so that the ends do not determine it
     4                  time since the start [s], while a term depends on the state
-    5                  way of the distal end since the start [m], under this condition
+    5                  travel of the distal end since the start [m], likewise
     6                  heat of friction in the conduit [J], while friction depends on it
-    7, 8               tension that the springs at both ends hold the stretch of [N],
-                       while they are hysteretic, see `_elasticity.Piece`
+    7, 8               T_held of hysteretic springs at both ends [N], see `_elasticity`
     9 : 10 + n         tension of node i [N]; negative where slack
     then n each        slip of segment j since it last stuck or turned [m], 0 = at rest
                        remembered slip speed of segment j [m/s]
@@ -101,19 +100,19 @@ def segment_angles(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def constant_growth(prm: FloatArray, n: int) -> FloatArray:
-    """Return E of every segment (n,) where friction is constant, see `_friction.py`."""
+    """Return the tension ratio E of slip by segment (n,), if friction is constant."""
     return prm[_ROWS_START + n : _ROWS_START + 2 * n]
 
 
 @compiled
 def constant_hold(prm: FloatArray, n: int) -> FloatArray:
-    """Return H of every segment (n,) where friction is constant, see `_friction.py`."""
+    """Return the tension ratio H at rest by segment (n,), if friction is constant."""
     return prm[_ROWS_START + 2 * n : _ROWS_START + 3 * n]
 
 
 @compiled
 def constant_drag(prm: FloatArray, n: int) -> FloatArray:
-    """Return B of every segment (n,) [N] where friction is constant."""
+    """Return the drag B by segment (n,) [N], if friction is constant."""
     return prm[_ROWS_START + 3 * n : _ROWS_START + 4 * n]
 
 

@@ -70,8 +70,8 @@ def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
     """Return the slip along the surface per unstretched slip of a segment.
 
     It is 1 where the path cannot lengthen. The heat of slip is that length times the
-    tension difference, see the module. `proximal` and `distal` are the tensions at the
-    ends of the segment [N].
+    tension difference, see the module. `proximal`, `distal` are the segment's tensions
+    [N].
     """
     if prm[at.PATH_LENGTHENS] == 0.0:
         return 1.0
@@ -235,10 +235,9 @@ def apply_material_law(
 def set_unstretched_lengths(
     prm: FloatArray, n: int, tension: FloatArray, length: FloatArray
 ) -> None:
-    """Set the unstretched lengths of the nodes of a packed cable from a state.
+    """Set the unstretched lengths of a packed cable's nodes, for energy and slack.
 
-    Its elastic energy and slack then follow. `tension` [N] and `length` of path [m] are
-    those of the state (n + 1,).
+    `tension` [N] and `length` of path [m] are those of the state (n + 1,).
     """
     own = at.node_length(prm, n)
     for i in range(n + 1):

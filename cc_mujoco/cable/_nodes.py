@@ -179,7 +179,7 @@ def tension_after_stretch(
 def stretch_between(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
-    """Stretch of node i between two tensions [m]."""
+    """Return the change of the stretch of node i between two tensions [m]."""
     if not is_curved(prm):
         return float((after - before) / at.node_stiffness(prm, n)[i])
     own = node_piece(prm, n, i)
@@ -273,8 +273,7 @@ def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
     """Return the stiffness seen at one end [N/m].
 
     It is that of the nodes in series up to the first segment that friction holds (half
-    a segment if the conduit bends from its mouth on), or twice the whole cable's if
-    none is.
+    a segment if the conduit bends at its mouth), or twice the whole cable's if none is.
     """
     compliance = 0.0
     stiffness = at.node_stiffness(prm, n)

@@ -81,8 +81,7 @@ def relinearize(
 ) -> bool:  # fmt: skip
     """Set the stiffness of nodes to the secants; return whether they converged.
 
-    `tension` (n + 1,) is that before the step [N]. An end is held if its tension is
-    prescribed.
+    `tension` (n + 1,) [N] is that before the step; an end is held if it is prescribed.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     stiffness, shift = at.node_row(work, n, _LINE_ROW), at.row(work, n, at.SHIFT)

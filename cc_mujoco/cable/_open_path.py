@@ -1,21 +1,21 @@
-"""The open part of a cable's path: what its pieces gain, and how they pull, compiled.
+"""Open part of a cable's path: how its pieces lengthen, and how they pull, compiled.
 
 From one site of the tendon to the next is a span: a straight piece, or two with an arc
-around a geom between them. On an open path a bend is where the cable rubs, so the mesh
-is that of the path: a straight piece is one node and has one tension, a site at which
-the path turns is one segment, and the arc around a geom is a few. What `segments` is
-more than sites and geoms need goes to the arcs, or to the straight pieces of a path
-without any. Of a mixed path the conduit comes first, as far as the site of its mouth.
+around a geom between them. On an open path the cable rubs at the bends, so the mesh is
+that of the path: a straight piece is one node and has one tension, a site at which the
+path turns is one segment, and the arc around a geom is a few. Segments beyond those
+that sites and geoms need go to the arcs, or to the straight pieces of a path without
+any. Of a mixed path the conduit comes first, as far as the site of its mouth.
 
 A site may be a guide of some radius. Its corner stays where it is, so that the two
 straight pieces, and their moment arms, are those of the tangents to its arc; the cable
-rubs over the arc, which counts for drag per length. What the arc is shorter than its
-tangents, radius (2 tan(turn/2) - turn), is neglected. A roller turns with the cable and
-takes nothing; it has neither turn nor contact here.
+rubs over the arc, which counts for drag per length. The arc is shorter than its
+tangents by radius (2 tan(turn/2) - turn), which is neglected. A roller turns with the
+cable without friction; it has neither turn nor contact here.
 
-The cable slips on the surface of the body that bends it. What a straight piece gains in
-length is its unit direction times the motion of the material points at its ends, one of
-them the point of the surface that it touches:
+The cable slips on the surface of the body that bends it. A straight piece lengthens by
+its unit direction times the motion of the material points at its ends, one of them the
+point of the surface that it touches:
 
     dl = u . (dx_surface - dx_site) = d|p - a| - u . dp,
 
@@ -23,15 +23,15 @@ with p the place of that point in the frame of the geom. The second term is what
 surface takes along: about a pulley that turns its arc, about a cylinder on which the
 path climbs also its part along the axis. Between two states it is the integral over the
 great circle, or the helix, from one p to the other, by the trapezoidal rule in u. The
-piece behind the geom gains the rest, so that all gains add up to the change of the
-length of the path. While a geom is not touched, both halves of the span gain equally,
+piece behind the geom lengthens by the rest, so that the sum is the change of the length
+of the path. While a geom is not touched, both halves of the span lengthen equally,
 without friction. Across its own direction the path moves over a surface without
 friction, because it remains the shortest one.
 
-Each piece pulls the bodies at its ends with its own tension, along itself. With these
-gains that is virtual work: joints feel - sum T_j dl_j/dq.
-An end that is tied to the tendon's last site has the tendon as transmission of its
-actuator; MuJoCo then applies that one force along the whole tendon, which is taken off.
+Each piece pulls the bodies at its ends with its own tension, along itself. By virtual
+work the generalised forces are - sum T_j dl_j/dq. An end that is tied to the tendon's
+last site has the tendon as transmission of its actuator; MuJoCo then applies that one
+force along the whole tendon, which is subtracted.
 """
 
 from __future__ import annotations

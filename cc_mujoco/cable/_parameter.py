@@ -96,8 +96,7 @@ class Parameter:
     def admits(self, value: Any) -> bool:
         """Return whether a value is a number within the bounds, integral if required.
 
-        Truth values and arrays are not admitted, though Python compares them as
-        numbers.
+        Truth values and arrays are not admitted, though they compare as numbers.
         """
         # Only the first question takes no time.
         is_number = isinstance(value, float) or isinstance(value, Real)

@@ -94,9 +94,8 @@ def _read(
 ) -> None:
     """Read a cable whose state begins at column `start` of `states` (k, m).
 
-    `lengths` is the column of the lengths of an open path's nodes, or -1; there a slack
-    node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
-    `CableReading`.
+    `lengths` is the column of an open path's node lengths, or -1; there a slack node
+    has `strain` by tension [1/N]. `numbers` (5, k) are the last five of `CableReading`.
     """
     n = slip.shape[1]
     for row in range(states.shape[0]):

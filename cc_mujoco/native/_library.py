@@ -110,7 +110,7 @@ def load(path: Path) -> ctypes.CDLL:
 
 
 class NativeLibraryError(CableError, ImportError):
-    """Error: the native library cannot be made, cached or loaded."""
+    """Failure to build, cache or load the native library."""
 
 
 def _is_carried() -> bool:
@@ -224,8 +224,8 @@ def folder() -> Path:
 def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
     """Return what `make` returns, as JSON cached in the user's folder.
 
-    `kind` is the first word of the file's name. `follows` are the inputs of `make`
-    besides the code of this package; others are cached apart.
+    `kind` is the first word of the file's name. The cache is used for equal `follows`,
+    the inputs of `make`, and equal code of this package.
     """
     whole = hashlib.sha256("\0".join([sources_digest(), *follows]).encode())
     path = folder() / f"{kind}-{whole.hexdigest()[:32]}.json"

@@ -189,7 +189,7 @@ class _WarpWriter(Writer):
             self.emit(f"{self.visit(target)} = {text}")
 
     def _initial(self, node: ast.expr) -> str:
-        """Return the first value of a name, as an expression that Warp lets change."""
+        """Return a name's initial value, typed so that Warp lets the name change."""
         text = str(self.visit(node))
         if isinstance(node, ast.Constant):
             kind = {bool: "wp.bool", int: "wp.int32"}.get(type(node.value), "variable")

@@ -73,7 +73,7 @@ def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
 def known_values(
     terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
 ) -> Known:
-    """Return constants of `prm` at compile time, in float32 tolerances if `single`."""
+    """Return values known at compile time, and float32 tolerances if `single`."""
     packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
     values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
     if paths.bends is not None:

@@ -94,7 +94,6 @@ class TorqueDerivatives:
         pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
-            """Difference parameters from `first` on: with a replay if `again`."""
             wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
             if not wanted:
                 return

@@ -71,7 +71,7 @@ SHORT = {"claims": 1, "diagnosis": 1}
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
-    """Return the counts of the verdicts in a sentence."""
+    """Return a sentence with the number of claims of each verdict."""
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
     whole = Counter(claim.verdict for found in claims.values() for claim in found)
     counts = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
@@ -79,7 +79,7 @@ def block(claims: Mapping[str, Sequence[Claim]]) -> str:
 
 
 def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
-    """Return every claim as a row of text, below the heads of the columns."""
+    """Return all claims as rows of text, the first of column names."""
     rows = [["experiment", "where", "printed", "ours", "verdict", "why"]]
     for name, found in claims.items():
         rows += [[name, c.where, c.printed, c.ours, c.verdict, c.why] for c in found]
@@ -87,7 +87,7 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
 
 
 def tables(results: benchmark.Results) -> str:
-    """Return the Markdown of a benchmark: overview, without intervals, references."""
+    """Return a benchmark's overview, without intervals, and references, as Markdown."""
     references = benchmark.reference_definitions(benchmark.REFERENCES)
     whole = [
         benchmark.OVERVIEW_HEADING,
@@ -104,7 +104,7 @@ def plain(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> list[list[str
 
 
 def material_rows() -> list[list[str]]:
-    """Return pairs of materials as rows of text below the heads of the columns."""
+    """Return pairs of materials as rows of text, the first of column names."""
     head = ["material", "rope and conduit", "friction", "modulus [GPa]"]
     head += ["density [kg/m^3]", "strength [GPa]", "hottest [degC]"]
     rows = [
@@ -138,7 +138,7 @@ def package_tables() -> dict[str, list[list[str]]]:
 
 
 def structure(path: Path) -> str:
-    """Return the Markdown of suite `v2`: a table, and where a baseline is the best."""
+    """Return the Markdown of suite `v2`: its table, and where a baseline is best."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     errors: dict[tuple[str, str], dict[str, float]] = {}
@@ -203,7 +203,7 @@ def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
 
 
 def played(folder: Path, seeds: int | None) -> benchmark.Results:
-    """Play what of the suite is not played yet, and return all of it."""
+    """Play the unfinished cells of the suite, and return all results."""
     plan = benchmark.BenchmarkPlan(ENTRIES, seeds=seeds)
     with tqdm(total=len(plan.cells()), unit="cell", **progress_options()) as bar:
         return benchmark.run(
@@ -212,7 +212,7 @@ def played(folder: Path, seeds: int | None) -> benchmark.Results:
 
 
 def studies(folder: Path) -> str:
-    """Return the Markdown of the last study, without what it folds and its ties."""
+    """Return the Markdown of the last study, without folded parts and ties."""
     path = folder / f"{LAST}.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
@@ -226,7 +226,7 @@ def between(page: str, name: str) -> str:
 
 
 def filled(page: str, name: str, text: str) -> str:
-    """Return the page with this text between the marks of a block."""
+    """Return a page's text with `text` between the marks of the block `name`."""
     found, number = _marked(name).subn(lambda _: text + "\n", page)
     if number != 1:
         raise SystemExit(f"the page of {name} needs its two marks, once")
@@ -234,7 +234,7 @@ def filled(page: str, name: str, text: str) -> str:
 
 
 def write(name: str, text: str) -> None:
-    """Put a block on its page, and its beginning on the front page, if it is there."""
+    """Put a block on its page and, if it has a place there, on the front page."""
     places = [(PAGES[name], text)]
     if name in SHORT:
         places.append((FRONT, "\n\n".join(text.split("\n\n")[: SHORT[name]])))

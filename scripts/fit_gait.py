@@ -69,7 +69,7 @@ def fit_period(time: Array, angles: list[Array]) -> float:
 
 
 def fit_assistance(phase: Array, shape: Array) -> Array:
-    """Return the series with square nearest to the shape, scaled to a peak of 1."""
+    """Return the series whose square is closest to `shape`, scaled to a peak of 1."""
     matrix = design(phase)
     start = solve(matrix, np.sqrt(shape))
     # The series of the square root is the start; what is fitted is the square.

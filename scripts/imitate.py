@@ -78,9 +78,9 @@ def structure(device: Device) -> dict[str, tuple[float, float, float]]:
 
 
 def motions(scene: str) -> tuple[train_policy.Part, ...]:
-    """Return the device's own motion, and that of a wearer with a tremor, as parts.
+    """Return the device's own motion, and one with a wearer's tremor, as parts.
 
-    Of the bench, which has no task of its own, those of `train_policy.py`.
+    The bench has no task of its own; its motions are those of `train_policy.py`.
     """
     if scene == train_policy.BENCH:
         return train_policy.PLAYED[scene]
@@ -95,9 +95,10 @@ def teacher(
     hold: int = HOLD,
     bandwidth: float = BANDWIDTH,
 ) -> control.Controller:
-    """Return a controller that knows the plants that an environment has now.
+    """Return a controller that knows the present plants of an environment.
 
-    An action is held for `hold` samples; `bandwidth` is of the plans of `predictive`.
+    An action is held `hold` samples; `bandwidth` [rad/s] is of the plans of
+    `predictive`.
     """
     exo = env.exo
     drives = [
@@ -151,13 +152,13 @@ class Classroom:
         _, self._info = env.reset(seed=seed)
 
     def play(self, student: Callable[[Singles], Singles] | None = None) -> Lesson:
-        """Play an episode.
+        """Play an episode; return a `Lesson`.
 
-        The student plays half of the environments alone. In the others its share of the
-        action is between none and all. Without a student the teacher plays. Returns
-        observations of the student (samples, size), actions of the teacher (samples,
-        axes), and RMS torque errors by axis where one of them plays alone, of the
-        second half of the episode [N m].
+        The student alone acts in half of the environments. In the others its share of
+        the action is between none and all. Without a student the teacher acts. A lesson
+        has the student's observations (samples, size), the teacher's actions (samples,
+        axes), and RMS torque errors [N m] by axis where one of them acts alone, over
+        the second half of the episode.
         """
         env, exo = self.env, self.env.exo
         count, limits = env.num_envs, exo.device.torque_limits
@@ -221,7 +222,7 @@ class Classroom:
 
 
 class Student:
-    """A network that is fitted to what a teacher did."""
+    """A neural network that is fitted to a teacher's actions."""
 
     def __init__(self, seen: Singles, taught: Singles, seed: int) -> None:
         """Make a network for numbers of the size of these samples."""

@@ -46,7 +46,7 @@ STATE = (
 
 
 class CanEnd:
-    """The other end of the address that a host has; as `UdpEnd`, nothing waits."""
+    """The rig's end of a CAN bus, without blocking; see `UdpEnd`."""
 
     def __init__(
         self, address: hardware.CanAddress, buses: CanBuses | None = None
@@ -70,7 +70,7 @@ class CanEnd:
 
 
 class SwungBench:
-    """The bench of one axis, whose joint a hand swings."""
+    """The bench of `driven.py`, with one axis, whose joint a hand swings."""
 
     def __init__(
         self, bench: Bench, seed: int, swing: float, swing_period: float
@@ -110,13 +110,13 @@ class Worn:
         self.names: tuple[str, ...] = self._env.device.axis_names
 
     def advance(self, torques: Mapping[str, float]) -> None:
-        """Go on by a period with torques of the motors [N m]; others have none."""
+        """Advance a period with torques of the motors [N m], 0 for those not named."""
         given = np.array([torques.get(name, 0.0) for name in self.names])
         action = self._env.action(given if given.size > 1 else float(given[0]))
         *_, self._info = self._env.step(action)
 
     def column(self, axis: str, name: str) -> float:
-        """Return what the sensors measure, without their errors."""
+        """Return the true value of a log column of an axis."""
         prefix = f"{axis}." if len(self.names) > 1 else ""
         return float(self._info[prefix + name])
 
@@ -125,7 +125,7 @@ class Worn:
 
 
 class WornRig:
-    """A device of which some axes, or all, have a motor that is commanded."""
+    """A device as a rig; all its motors or some are commanded."""
 
     def __init__(
         self, worn: Worn, names: Sequence[str], seed: int, period: float

@@ -35,7 +35,7 @@ EQUATION = re.compile(r"\\\((.+?)\\\)|\\\[(.+?)\\\]", re.S)
 
 
 def opened(package: str) -> list[ModuleType]:
-    """Return the public modules of a package and itself, as pdoc has to see them."""
+    """Return a package and its public modules, prepared for pdoc."""
     if (module := found(package)) is None:
         return []
     folder = str(Path(module.__file__ or "").parent)
@@ -65,7 +65,7 @@ def opened(package: str) -> list[ModuleType]:
 
 @cache
 def found(name: str) -> ModuleType | None:
-    """Return a module, unless it needs a package that is not installed."""
+    """Return a module by name, None if a package that it needs is not installed."""
     try:
         return importlib.import_module(name)
     except (CableError, ImportError) as error:

@@ -1,4 +1,4 @@
-"""The rig's end of the protocol: its port, and what it must do as its host says."""
+"""The rig's end of the protocol: its UDP port, watchdog and enabling."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class UdpEnd:
 
 
 class ServedHost:
-    """Host that the rig obeys: its duties as to watchdog, sequence and enabling."""
+    """The host that commands the rig, with watchdog, sequence check and enabling."""
 
     def __init__(self) -> None:
         self.address: Sender | None = None
@@ -74,7 +74,7 @@ class ServedHost:
             self.address = None
 
     def watch(self, now: float) -> None:
-        """Take the torque away from a host that is silent."""
+        """Set the torque to 0 if the host has been silent too long."""
         if now - self._heard > SILENCE:
             self._let_go()
 

@@ -30,7 +30,7 @@ from cc_mujoco.hardware import _packet as packet
 
 
 class Bridge:
-    """A rig at a port, whose sensors and motor are topics."""
+    """A rig at a UDP port whose sensors and motor are ROS topics."""
 
     def __init__(
         self, end: UdpEnd, motor: str, joint: str, publish: Callable[[float], None]
@@ -41,7 +41,7 @@ class Bridge:
         self._count = 0
 
     def forward(self) -> None:
-        """Take what commands came, and publish the torque that the host may have."""
+        """Receive commands, and publish the torque that the watchdog permits."""
         now = perf_counter()
         while (found := self._end.receive()) is not None:
             self._host.take(*found, now)
@@ -49,7 +49,7 @@ class Bridge:
         self._publish(self._host.torque)
 
     def state(self, message: Any) -> str | None:
-        """Send a JointState as a reading; return what is wrong with it, or None."""
+        """Send a JointState as a reading; return the reason if it cannot be used."""
         missing = [name for name in self._names if name not in message.name]
         if missing:
             listed = ", ".join(message.name)

@@ -46,7 +46,7 @@ BENCH = "bench"  # name of the bench of the diagnosis study
 
 @cache
 def bench() -> Device:
-    """Return the bench of the diagnosis study, with a hand for a wearer.
+    """Return the bench of the diagnosis study, with a hand as the wearer.
 
     Noise is that of the study's torque sensor.
     """
@@ -72,7 +72,7 @@ def device_of(scene: str) -> Device:
 
 @dataclass(frozen=True)
 class Sines(Task):
-    """Torque that runs by itself, and a spring."""
+    """A torque of sines over time, plus that of a spring."""
 
     sizes: tuple[float, ...]  # amplitudes of the sines [N m]
     lines: tuple[float, ...]  # periods of each in one of the phase
@@ -168,7 +168,7 @@ def randomised(device: Device) -> dict[str, tuple[float, float]]:
 
 
 def first_actions(scene: str) -> tuple[float, list[float]]:
-    """Return the log deviation of PPO's first actions, and their mean by motor."""
+    """Return log standard deviation and means, by motor, of PPO's first actions."""
     if scene in DEVIATIONS:
         return DEVIATIONS[scene], [TAUT[scene]]
     device = device_of(scene)
@@ -190,7 +190,7 @@ def make(
     observed: Mapping[str, Any] = OBSERVED,
     played: Sequence[Part] = (),
 ) -> list[DeviceVectorEnv]:
-    """Return vector environments, some `ranges` in place of those of `randomised`."""
+    """Return vector environments; `ranges` replace entries of `randomised`."""
     scene, device = options.scene, device_of(options.scene)
     played = played or PLAYED.get(scene, ((None, None, 1),))
     fixed: dict[str, Any] = FIXED if scene == BENCH else FIXED | ORDINARY
@@ -266,7 +266,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
 
 
 def require(module: str, name: str) -> None:
-    """Exit where a library that training needs is not installed."""
+    """Exit with a message if a module that training needs is not installed."""
     if find_spec(module) is None:
         raise SystemExit(f"training needs {name}: pip install 'cc_mujoco[policy]'")
 

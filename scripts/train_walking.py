@@ -76,7 +76,7 @@ _STATE = ("mean", "spread", "covariance", "path", "step_path", "generation")
 
 
 def policy_at(point: Array) -> WalkingPolicy:
-    """Return the policy of a point of the search."""
+    """Return the policy whose numbers are a point of the search space."""
     left = list(point)
 
     def take(count: int) -> Array:
@@ -109,7 +109,7 @@ def dimensions() -> int:
 
 
 class Search:
-    """CMA-ES: a normal distribution that moves to where candidates are better."""
+    """CMA-ES: a normal distribution that is adapted to the better candidates."""
 
     def __init__(self, size: int, spread: float, rng: np.random.Generator) -> None:
         parents = POPULATION // 2
@@ -125,7 +125,7 @@ class Search:
         return {name: getattr(self, name) for name in _STATE}
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Go on from the state of another search."""
+        """Continue from the saved state of another search."""
         for name in _STATE:
             own = getattr(self, name)
             setattr(
@@ -133,7 +133,7 @@ class Search:
             )
 
     def ask(self) -> Array:
-        """Return candidates (population, size)."""
+        """Return new candidates (population, size)."""
         values, self._axes = np.linalg.eigh(self.covariance)
         self._normal = self.rng.standard_normal((POPULATION, self.mean.size))
         scaled = self._normal * np.sqrt(np.maximum(values, 1e-12))
@@ -178,7 +178,7 @@ def walk(
     harness: float,
     pushes: list[tuple[float, float]],
 ) -> tuple[Array, Array]:
-    """Return reward and time on its feet [s] of every policy."""
+    """Simulate policies; return their rewards and times on their feet [s]."""
     body = WalkingBody(models[0])
     each = [mujoco.MjData(model) for model in models]
     for policy, model, data in zip(policies, models, each, strict=True):

@@ -70,7 +70,7 @@ class SourceDistribution(sdist):
 
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
-    """Return what the compilation of the library needs beside setuptools."""
+    """Return the packages that compiling the library needs besides setuptools."""
     needed = list(build_meta.get_requires_for_build_wheel(config_settings))
     choice, target = _choices(config_settings)
     if choice == "none" or not (target or _can_have_library()):

@@ -2,10 +2,10 @@
 
     python scripts/benchmarks/bench_backends.py --devices wrist ankle endoscope
 
-Plays whole episodes of both with the same seeds and actions, on the plant of the scene
-and on plants that are drawn, and prints differences over the largest value: root mean
-square and worst. The last columns are of MuJoCo against itself with actions that differ
-by up to 1e-6: so sensitive is the device.
+Simulates whole episodes in both with the same seeds and actions, on the plant of the
+scene and on random plants, and prints RMS and worst differences relative to the largest
+value. The last columns compare MuJoCo with itself under actions that differ by up to
+1e-6: the sensitivity of the device.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def main(
 
 
 def differences(count: int, given: dict[str, Any]) -> dict[str, list[float]]:
-    """Return, by quantity, four differences over the largest value."""
+    """Return, by quantity, the four relative differences of a row of the table."""
     envs = [
         gymnasium.make_vec(ID, count, backend=backend, **given).unwrapped
         for backend in ("mujoco", "warp", "mujoco")
@@ -88,7 +88,7 @@ def differences(count: int, given: dict[str, Any]) -> dict[str, list[float]]:
 
 
 def aimed(env: Any, info: dict[str, Any]) -> Array:
-    """Return the actions that give the desired torques without friction."""
+    """Return the actions that would give the desired torques without friction."""
     columns = [f"{prefix}desired_torque_nm" for prefix in env.exo.device.prefixes]
     wanted = np.stack([info[name] for name in columns], axis=1)
     ratios = np.array([drive.ratio for drive in env.drives])
@@ -96,7 +96,7 @@ def aimed(env: Any, info: dict[str, Any]) -> Array:
 
 
 def gathered(info: dict[str, Any], name: str) -> Array:
-    """Return a quantity of all axes or cables."""
+    """Return the column `name` of all axes or cables, joined."""
     end = "_nodes_n" if name == "tension" else name
     keys = [key for key in info if key[0] != "_" and key.endswith(end)]
     return np.concatenate([info[key].reshape(len(info[key]), -1) for key in keys], 1)

@@ -65,7 +65,7 @@ def main(
 
 
 def single(steps: int) -> tuple[float, float]:
-    """Return the least time of a step of the wrist and of HalfCheetah [s]."""
+    """Return the least time of a step [s] of the wrist and of HalfCheetah."""
     made = (
         gymnasium.make(name).unwrapped for name in (next(iter(IDS)), "HalfCheetah-v5")
     )
@@ -83,7 +83,7 @@ def single(steps: int) -> tuple[float, float]:
 
 
 def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, ...]:
-    """Return steps/s of vector environment and loop, and the former over physics."""
+    """Return steps/s of vector environment and loop, and the first over physics."""
     modes = ("vector_entry_point", "sync")
     env, loop = (gymnasium.make_vec(name, count, vectorization_mode=m) for m in modes)
     loop.reset(seed=0)
@@ -105,7 +105,7 @@ def play(env: VectorEnv, steps: int) -> None:
 
 
 def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
-    """Return what advances an environment's simulations as `play` does, and no more."""
+    """Return a function that only advances the physics of an environment, as `play`."""
     own: Any = env.unwrapped
     env.reset(seed=0)
     skip, there = own.exo.frame_skip, own.simulations.batch
@@ -142,7 +142,7 @@ def actions(env: Any) -> Array:
 
 
 def rate(env: VectorEnv, seconds: float) -> float:
-    """Step with random actions for a while; return environment steps per second."""
+    """Return environment steps per second with random actions, over `seconds` [s]."""
     given, steps, step = actions(env), 0, env.step
     start = now = time.perf_counter()
     while now - start < seconds:

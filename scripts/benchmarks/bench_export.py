@@ -33,7 +33,7 @@ PROGRAM = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
 def readings(
     env: Any, drives: list[Drive], name: str, duration: float
 ) -> tuple[ExportPlan, np.ndarray]:
-    """Return a controller's plan and readings (steps, readings) in an episode [s]."""
+    """Return plan and readings (steps, readings) of an episode of `duration` [s]."""
     device = env.exo.device
     plan = ExportPlan.of(name, drives, device.driven, device.prefixes)
     law = axes_controller(name, drives, device.prefixes)
@@ -61,7 +61,7 @@ def readings(
 
 
 def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
-    """Export, build and time; a row of the table."""
+    """Return a row of the table: size and times of an exported, compiled controller."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "controller")
         write(folder, plan, "a benchmark")
@@ -91,7 +91,7 @@ def main(
     repetitions: int = 20,
     controllers: tuple[str, ...] = tuple(EXPORTED),
 ) -> None:
-    """Print the table, of episodes of this duration [s]."""
+    """Print the table, of episodes of length `duration` [s]."""
     print(
         "| scene | controller | object [KiB] | memory [KiB] | stack [bytes] "
         "| median [us] | 99.9 % [us] | longest [us] |\n"

@@ -36,7 +36,7 @@ TERMS: tuple[dict[str, float], ...] = (
 
 
 def motions() -> list[FloatArray]:
-    """Return random motions of both ends (6000,) [m]."""
+    """Return random displacements of both ends, (6000,) [m] each."""
     rng = np.random.default_rng(0)
     knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
     at = np.linspace(0.0, 59.0, 6000)
@@ -44,7 +44,7 @@ def motions() -> list[FloatArray]:
 
 
 def replayed(cable: Cable) -> float:
-    """Return the least mean cost of a step of three runs [s]."""
+    """Return the mean time of a step [s], the least of three runs."""
     proximal, distal = motions()
     times = []
     for _ in range(3):
@@ -55,10 +55,10 @@ def replayed(cable: Cable) -> float:
 
 
 def worst_step(cable: Cable) -> tuple[float, float]:
-    """Return the worst and median cost of a single step [s].
+    """Return the worst and the median time of a single step [s].
 
     Each step is timed alone and repeated; the least of its times counts, so that an
-    interruption by another process does not, and the cost of the call is deducted.
+    interruption by another process does not. The time of the call itself is deducted.
     """
     proximal, distal = motions()
     n = cable.segments

@@ -47,7 +47,7 @@ SECONDS, SETTLED = 6.0, 2.0
 
 class Off(Controller):
     def reset(self, where: Any = None) -> None:
-        """See `Controller.reset`."""
+        """Do nothing; see `Controller.reset`."""
 
     def torque(self, observation: Any) -> Any:
         return np.zeros(np.shape(observation["desired_torque_nm"]))[()]
@@ -77,11 +77,10 @@ def bench(
     rate_known: bool = True,
     seconds: float = SECONDS,
 ) -> tuple[float, RunOutcome]:
-    """Play the bench in simulated time, by a motor with a lag [s].
+    """Simulate the bench with a motor of lag `lag` [s]; return error and outcome.
 
-    The `motor_lag` of the settings is what the controller believes. Returns the RMS
-    error of the joint's true torque [N m], infinite of a run that was stopped, and how
-    it went.
+    The controller assumes the `motor_lag` of the settings. The error is the RMS of the
+    joint's true torque [N m], infinite for a run that was stopped.
     """
     drive = settings.drive()
     if not rate_known:
@@ -110,7 +109,7 @@ def bench(
 
 
 def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
-    """Return the RMS error of a device in its own task [N m]."""
+    """Return the RMS torque error of a device in its own task [N m]."""
     made = load_device(scene)
     spec = made.spec.copy()
     if lag:
@@ -141,7 +140,7 @@ def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
 
 
 def row(scene: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
-    """Return a row of the table, the mean error over the seeds."""
+    """Return a row of the table, with the mean error over the seeds."""
     found = []
     for seed in seeds:
         if scene != "bench":
@@ -158,7 +157,7 @@ def main(
     seeds: int = 2,
     first_seed: int = 1,
 ) -> None:
-    """Print the table, for lags in milliseconds."""
+    """Print the table; lags are in milliseconds."""
     numbers = range(first_seed, first_seed + seeds)
     rows = [
         row(scene, 1e-3 * lag, known, numbers)

@@ -34,13 +34,13 @@ GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
 
 
 def front(table: pa.Table) -> Array:
-    """Return the costs of the Pareto set within the limits, (designs, 2)."""
+    """Return the costs (designs, 2) of the Pareto-optimal designs within the limits."""
     cost = objective_costs(table, read_objectives(GOALS), read_limits(LIMITS))
     return cost[pareto_rows(cost)]
 
 
 def hypervolume(cost: Array, reference: Array) -> float:
-    """Return the area that two costs dominate up to a reference."""
+    """Return the area that costs (designs, 2) dominate below the `reference`."""
     inside = cost[(cost < reference).all(axis=1)]
     inside = inside[np.argsort(inside[:, 0])]
     floor = np.minimum.accumulate(np.append(reference[1], inside[:, 1]))
@@ -53,13 +53,13 @@ def main(
     seeds: int = 3,
     controllers: tuple[str, ...] = ("none",),
 ) -> None:
-    """Print a table.
+    """Print the table.
 
     Args:
         levels: of every variable.
         duration: of an episode [s].
         seeds: of searches and hypercubes.
-        controllers: that every design is played with.
+        controllers: that every design is simulated with.
     """
     count = levels ** len(ENDS)
     few = count // 20

@@ -79,7 +79,7 @@ def walk(data: mujoco.MjData) -> None:
 
 
 def single(model: mujoco.MjModel, command: Command, steps: int) -> Callable[[], float]:
-    """Return a function that simulates and returns the processor time per step [s]."""
+    """Return a function that simulates; it returns processor time per step [s]."""
     data = mujoco.MjData(model)
 
     def turn() -> float:
@@ -97,7 +97,7 @@ def single(model: mujoco.MjModel, command: Command, steps: int) -> Callable[[], 
 def batched(
     model: mujoco.MjModel, count: int, threads: int, steps: int
 ) -> Callable[[], float]:
-    """Return a function that steps a batch and returns the time per step [s]."""
+    """Return a function that steps a batch and returns the real time per step [s]."""
     batch = Batch(model, count, nthread=threads)
     ctrl, motor = batch.bind("ctrl"), model.actuator("motor").id
     phase, each = np.linspace(0.0, 6.0, count), max(4 * steps // count, 1)

@@ -46,7 +46,7 @@ def main(
     rounds: int = 3,
     law: str = "pi",
 ) -> None:
-    """Print the speeds, of an episode of this duration [s]."""
+    """Print the speeds, for episodes of length `duration` [s]."""
     ranges = {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"}
     if scene != "wrist":
         del ranges["loops"]
@@ -78,7 +78,7 @@ def main(
 
 
 def physics(plan: Plan, count: int) -> Callable[[], object]:
-    """Return what steps a plan's first designs, as they were driven, and no more."""
+    """Return a function that only steps a plan's first designs, driven as recorded."""
     protocol = plan.protocol
     device = protocol.device
     models = [attended(Plant(device, design)) for design in plan.designs[:count]]
@@ -109,7 +109,7 @@ def physics(plan: Plan, count: int) -> Callable[[], object]:
 
 
 def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
-    """Return designs per second, and per second of processor time of all threads."""
+    """Return designs per second of real time, and of processor time of all threads."""
     start = time.perf_counter(), time.process_time()
     play()
     taken = time.perf_counter() - start[0], time.process_time() - start[1]
@@ -117,7 +117,7 @@ def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
 
 
 def loop(plan: Plan) -> None:
-    """Play designs in single environments, one after another."""
+    """Simulate the designs of a plan in single environments, one after another."""
     protocol = plan.protocol
     device = protocol.device
     for design in plan.designs[:LOOPED]:

@@ -79,7 +79,7 @@ def random_cases(count: int) -> Iterator[bends.Case]:
 
 
 def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
-    """Return the least time of three that a motion takes [s]."""
+    """Return the time of a motion [s], the least of three."""
     times = []
     for _ in range(3):
         state = rest_state(case.cable.replace(segments=segments))
@@ -93,7 +93,7 @@ def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
 
 
 def row(cases: Iterable[bends.Case]) -> list[float]:
-    """Return errors with equal segments and with the mesh, stiffness, step, cost."""
+    """Return errors of equal segments and mesh; ratios of stiffness, step and time."""
     errors = np.zeros((len(TIGHT_SEGMENTS), 2))
     stiffer, times = 0.0, np.zeros(2)
     for case in cases:
@@ -112,7 +112,7 @@ def row(cases: Iterable[bends.Case]) -> list[float]:
 
 
 def mesh(random: int = 200) -> None:
-    """Print errors of the mesh, also for this many random cables."""
+    """Print errors of the mesh, for the kinds of cable and for `random` random ones."""
     titles = [f"{n} {mesh}" for n in TIGHT_SEGMENTS for mesh in ("equal", "mesh")]
     titles += ["stiffer", "step", "time"]
     print("| largest error, % |", *(f"{title} |" for title in titles))

@@ -51,7 +51,7 @@ HEAD = (
 
 
 def under(priority: int, words: list[str]) -> list[str]:
-    """Return a command with this real-time priority; 0 is the ordinary one."""
+    """Return a command run by `chrt -f` at this priority; 0 leaves it unchanged."""
     chrt = shutil.which("chrt")
     if not priority:
         return words
@@ -67,7 +67,7 @@ def free_port() -> int:
 
 
 def played(name: str, duration: float, period: float, priority: int) -> dict[str, Any]:
-    """Run a controller against a rig; what `run.json` says."""
+    """Run a controller against a rig; return the content of `run.json`."""
     with tempfile.TemporaryDirectory() as place:
         folder, port = Path(place), free_port()
         (folder / "rig.toml").write_text(SETTINGS.format(port=port, period=period))
@@ -108,7 +108,7 @@ def main(
     priority: int = 0,
     controllers: tuple[str, ...] = ("model",),
 ) -> None:
-    """Run every controller that is asked for.
+    """Run each controller.
 
     Args:
         duration: of a run [s].

@@ -49,11 +49,11 @@ def search(
     crowd: int = 24,
     seed: int = 0,
 ) -> tuple[Array, export.WearerEnergy]:
-    """Look for who gets the most energy while he holds still.
+    """Search the wearer who receives the most energy while holding still.
 
-    The wearers of a crowd, at places (wearers, k) within the bounds (k, 2), are
-    evaluated at once; the corners are in the first. Returns all places that were tried
-    (tried, k), and what became of the wearers there.
+    `evaluate` simulates `crowd` wearers at once, at places (wearers, k) within `bounds`
+    (k, 2); the first crowd has the corners. Returns all places tried (tried, k), and
+    the energies of the wearers there.
     """
     low, high = bounds.T
     first = low + export.first_places(len(bounds), crowd, seed) * (high - low)

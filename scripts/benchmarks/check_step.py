@@ -39,7 +39,7 @@ GYMNASIUM = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
 
 
 class Case(NamedTuple):
-    """Joints of a model that get a cable of a stiffness EA [N]."""
+    """Joints of a model that get a cable, and its stiffness EA [N]."""
 
     model: Path
     joints: tuple[str, ...]
@@ -82,7 +82,7 @@ def with_cables(case: Case, ends: str, armature: float, held: bool) -> Any:
 
 
 def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
-    """Return end tensions [N], energy of friction [J] and time of a step [s]."""
+    """Return end tensions [N], energy lost to friction [J] and time of a step [s]."""
     data = mujoco.MjData(model)
     settle(model, data)
     dofs = [model.joint(f"{joint}_motor").dofadr[0] for joint in case.joints]
@@ -103,7 +103,7 @@ def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
 
 
 def main(armature: float = 2e-4, seconds: float = 2.0) -> None:
-    """Run and print, with motors of this armature [kg m^2]."""
+    """Simulate all cases and print them; `armature` is that of the motors [kg m^2]."""
     print(f"{'':24}{'explicit':>26}{'by default':>26}  time of a step, ratio")
     for held in (True, False):
         print("torso held, no contacts" if held else "free and in contact")

@@ -31,7 +31,7 @@ SCORES = "rms_torque_error", "chatter", "peak_motor_torque"
 def played(
     conditions: list[Condition], laws: tuple[str, ...], seeds: tuple[int, ...]
 ) -> dict[str, dict[str, list[float]]]:
-    """Return `SCORES` and failed episodes of each law in each condition."""
+    """Return `SCORES` and failed episodes by controller and condition."""
     found: dict[str, dict[str, list[float]]] = {one.name: {} for one in conditions}
     for law in laws:
         for group in batch_groups(Cell(one, law, seeds) for one in conditions):

@@ -63,7 +63,7 @@ def conditions(scene: str) -> list[Condition]:
 
 
 def scores(law: str, wanted: list[Condition]) -> FloatArray:
-    """Return `SCORES` in every condition (2, conditions); infinite if one fails."""
+    """Return `SCORES` (2, conditions) of a baseline; infinite if an episode fails."""
     cells = [Cell(condition, law, SEEDS) for condition in wanted]
     found = np.empty((len(SCORES), len(cells)))
     for group in batch_groups(cells):
@@ -82,7 +82,7 @@ def place(number: str) -> tuple[Any, str]:
 
 
 def tune(law: str, wanted: list[Condition]) -> None:
-    """Print the numbers of a baseline that are tried, and those that are best."""
+    """Search a baseline's parameters; print those tried, and the best."""
     start = scores(law, wanted)
 
     def over(found: FloatArray) -> FloatArray:
@@ -112,7 +112,7 @@ def tune(law: str, wanted: list[Condition]) -> None:
 
 
 def main(controllers: tuple[Literal[tuple(NUMBERS)], ...] = tuple(NUMBERS)) -> None:
-    """Tune baselines."""
+    """Search the parameters of each baseline."""
     wanted = [condition for scene in SCENES for condition in conditions(scene)]
     for law in controllers:
         tune(law, wanted)

@@ -1,4 +1,4 @@
-"""Contestants that take turns in one process: what else the machine does falls on all.
+"""Timing of contestants by turns in one process, so that other load affects all alike.
 
 from turns import by_turns, spread
 """
@@ -16,7 +16,7 @@ from cc_mujoco.native import FloatArray as Array
 def by_turns(
     contestants: Mapping[Any, Callable[[], float]], rounds: int, first: int = 0
 ) -> dict[Any, Array]:
-    """Return the cost of each one's turns (rounds,), after `first` rounds more."""
+    """Return the costs (rounds,) of each contestant, after `first` uncounted rounds."""
     found: dict[Any, list[float]] = {name: [] for name in contestants}
     for _ in range(first + rounds):
         for name, turn in contestants.items():

@@ -65,7 +65,7 @@ class Device(NamedTuple):
 
 
 def hidden_values(bench: Bench, name: str) -> dict[str, float]:
-    """Return the parameters of the rig's cable that hides an effect, SI."""
+    """Return the cable parameters, in SI, by which the rig has the hidden effect."""
     cable = bench.cables[0]
     values = {key: scale * getattr(cable, key) for key, scale in OTHERWISE.items()}
     sizes = {
@@ -81,11 +81,10 @@ def hidden_values(bench: Bench, name: str) -> dict[str, float]:
 def motions(
     device: Device, axis: str, seconds: float
 ) -> list[tuple[str, float, dict[str, Array], float]]:
-    """Return trials: name, relative pretension, angles of all joints, and pull.
+    """Return trials: name, relative pretension, all joint angles, and the motor's pull.
 
-    Angles are (samples,) in the count of the scene [rad]. The motor pulls relative to
-    the stretch of the cable by a dozen times its pretension, while it follows the
-    joints.
+    Angles are (samples,) in the scene's sign [rad]. The pull is the motor's excursion
+    over the cable stretch at pretension, while the motor follows the joints.
     """
     t = STEP * np.arange(round(seconds / STEP))
     driven = device.benches[axis].joint
@@ -117,7 +116,7 @@ def played(
     angles: Mapping[str, Array],
     pull: float,
 ) -> dict[str, Array]:
-    """Return the columns of the log of the whole device, without noise (samples,)."""
+    """Return the columns (samples,) of the log of the whole device, without noise."""
     own = device.benches[axis]
     spec = mujoco.MjSpec.from_file(str(own.path))
     for name, known in from_mjcf(spec).items():
@@ -185,7 +184,7 @@ def played(
 
 
 def cable_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return what all cables put into the joints (nv,) [N m]."""
+    """Return the torque of all cables on the joints (nv,) [N m]."""
     moment = np.zeros((data.moment_rownnz.size, model.nv))
     mujoco.mju_sparse2dense(
         moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,

@@ -1,13 +1,13 @@
-"""Gain of a controller whose model was mended by a diagnosis of its own rig.
+"""Torque error of a controller before and after a diagnosis repairs its model.
 
     python scripts/diagnosis_study/closed_loop.py --seeds 1 2 --out runs/closed_loop
 
-A rig with guides (`driven.py`) hides an effect. A controller that knows only the scene
-`bench` plays a task on it, through the loop of `cc-mujoco run` with its limits and its
-log, in lockstep. Then the same loop plays trials, the rich motions of `rig`, by the
-servo that plays those of a plan; `cc-mujoco diagnose` names by their logs what is
+A rig with guides (`driven.py`) has a hidden effect. A controller that knows only the
+scene `bench` plays a task on it, through the loop of `cc-mujoco run` with its limits
+and its log, in lockstep. Then the same loop plays trials, the rich motions of `rig`, by
+the servo that plays those of a plan; `cc-mujoco diagnose` names by their logs what is
 missing, and the scene that it wrote goes into the controller, which plays the task
-again. Errors are of the torque that the joint truly got. Cases that are done are kept.
+again. Errors are of the true joint torque. Finished cases are kept.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ EFFECTS = (
 
 
 def task() -> tuple[hardware.TorqueTable, Swing]:
-    """Return the desired torque of two sines, and the motion of the hand."""
+    """Return the desired torque, a sum of two sines, and the hand's motion."""
     times = np.arange(0.0, SECONDS, 0.002)
     torques = 1.5 * np.sin(2.2 * times) + 0.8 * np.sin(5.65 * times + 1.0)
 
@@ -74,13 +74,13 @@ def task() -> tuple[hardware.TorqueTable, Swing]:
 
 
 def rougher(rig: Rig, factor: float) -> Rig:
-    """Return a rig with this much more friction in both cables."""
+    """Return the rig with the friction of both cables multiplied by `factor`."""
     both = {n: factor * getattr(rig, n) for n in ("friction_a", "friction_b")}
     return dataclasses.replace(rig, **both)
 
 
 class Case:
-    """A rig that hides something, and a folder."""
+    """A rig with a hidden effect, and the folder of its results."""
 
     def __init__(self, name: str, seed: int, strength: float, folder: Path) -> None:
         self.seed, self.folder = seed, folder
@@ -108,7 +108,7 @@ class Case:
         return found
 
     def identify(self) -> None:
-        """Play trials, one log each, with the known facts about them."""
+        """Play trials, one log each; write a `dataset.toml` of their known facts."""
         data = self.folder / "data"
         # A hand that pushes against the motor demands more.
         limits = dataclasses.replace(LIMITS, torque=20.0)
@@ -140,7 +140,7 @@ class Case:
 
 
 def between(log: Path) -> float:
-    """Return the RMS error between the turns of the motor [N m], by the log.
+    """Return the RMS torque error of a log away from the motor's turns [N m].
 
     The torque sensor is averaged over 10 ms. A turn is where the command changes by
     more than `TURN` within 20 ms; within 0.1 s of one the motor crosses the backlash,
@@ -159,7 +159,7 @@ def between(log: Path) -> float:
 
 
 def led(times: Array, trial: Trial) -> Swing:
-    """Return the motion in a trial of what holds the joint."""
+    """Return the motion that the joint's environment follows in a trial."""
 
     def swing(now: float) -> tuple[float, float]:
         at = now - hardware.APPROACH_TIME
@@ -172,7 +172,7 @@ def led(times: Array, trial: Trial) -> Swing:
 def run(
     name: str, seed: int, strength: float, laws: Sequence[str], out: Path
 ) -> dict[str, Any]:
-    """Return one case, from a task played badly to one that is played again."""
+    """Return the record of a case: task, trials, diagnosis, and the task again."""
     folder = out / f"{name}-{seed}-{strength:g}"
     shutil.rmtree(folder, ignore_errors=True)
     case = Case(name, seed, strength, folder)

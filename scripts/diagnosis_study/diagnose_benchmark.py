@@ -71,9 +71,10 @@ def judged(
     named: Sequence[str] = (),
     ties: Sequence[Sequence[str]] = (),
 ) -> str:
-    """Return one word for how a case went: right, tie, half, missed or wrong.
+    """Return how a diagnosis went: right, tie, half, missed or wrong.
 
-    `kind` of what is hidden is named, pair, unknown or none, `ties` are groups of ids.
+    `kind` of the hidden effects is named, pair, unknown or none; `ties` are groups of
+    ids.
     """
     tied = [set(tie) for tie in ties]
     if kind == "none":
@@ -99,13 +100,13 @@ def judged(
 
 
 def went(record: Record) -> str:
-    """Return the same of a record."""
+    """Return how the diagnosis of a record went, see `judged`."""
     names = ("kind", "hidden", "verdict", "named", "ties")
     return judged(**{name: record[name] for name in names})
 
 
 def is_right(record: Record) -> bool:
-    """Return whether a verdict is right as a whole, as its odds mean it.
+    """Return whether a verdict is right in the sense of the odds that it states.
 
     Names are right if they are all that is hidden, a tie if one of its effects is.
     """
@@ -118,10 +119,7 @@ def is_right(record: Record) -> bool:
 
 
 def verdict_rates(records: list[Record]) -> list[list[str]]:
-    """Return rows of a table: verdict, times it was given, share that is right.
-
-    `STUDIED` of `_judge` is copied from it.
-    """
+    """Return rows (verdict, times given, share right), for `STUDIED` of `_judge`."""
     found = []
     for verdict in ("named", "none", "tie", "unknown"):
         right = [is_right(r) for r in records if r["verdict"] == verdict]
@@ -134,9 +132,9 @@ def verdict_rates(records: list[Record]) -> list[list[str]]:
 
 
 def summary(records: list[Record]) -> str:
-    """Return Markdown of a study; what stands before the first fold is for the page.
+    """Return a study's results as Markdown; pages take the text above the first fold.
 
-    Rates by kind and figures come first; rates by make and strength and all cases are
+    Rates by kind and figures come first; rates by make and strength, and all cases, are
     folded.
     """
     columns = {
@@ -206,7 +204,7 @@ def _share(count: int, whole: int) -> str:
 
 
 def exact(count: int, whole: int) -> str:
-    """Return a 95 % interval [%] (C. Clopper, E. Pearson, Biometrika 26, 1934)."""
+    """Return an exact 95 % interval [%] (Clopper, Pearson, Biometrika 26, 1934)."""
     from scipy.stats import binomtest
 
     low, high = binomtest(count, whole).proportion_ci(method="exact")
@@ -315,7 +313,7 @@ def _strengths(records: list[Record]) -> list[str]:
 
 
 class Guess(NamedTuple):
-    """The name that is given to what is missing."""
+    """The effect that the comparison method `bic` names, and its criterion."""
 
     named: str | None  # id of the effect, or None where nothing is found missing
     ranking: tuple[str, ...]  # ids, the likeliest first; named or not
@@ -368,7 +366,7 @@ def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
 
 
 def comparison(records: Sequence[Record], judge: Callable[[Record], str]) -> str:
-    """Return a table in Markdown; both ways on the same cases, judged by one word."""
+    """Return a Markdown table of both methods on the same cases, graded by `judge`."""
     both = [record for record in records if "bic" in record]
     guessed = []
     for record in both:
@@ -435,7 +433,7 @@ def cases(
 
 
 def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
-    """Generate, diagnose and record one case, and name it by BIC, too, if wanted."""
+    """Generate, diagnose and record a case; with `with_bic` also name it by BIC."""
     from proposal_loop import loop
 
     seed = case["seed"]
@@ -473,7 +471,7 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
 
 
 def truth_of(rig: Rig) -> dict[str, float]:
-    """Return the baseline's parameters of a rig, as a lumped scene means them."""
+    """Return the true parameters of a rig in terms of the baseline's lumped scene."""
     # A shaft that twists is soft in series with both cables.
     shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
     pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
@@ -499,7 +497,7 @@ def judgement(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def misfit(result: DiagnosisResult) -> float:
-    """Return the baseline's RMS held-out error over the floor, NaN without one."""
+    """Return the baseline's RMS held-out error over the noise floor; NaN if unknown."""
     baseline_fit = result.baseline_fit
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
 

@@ -37,7 +37,7 @@ HAND = (10.0, 0.3)  # stiffness [N m/rad] and damping [N m s/rad] of the hand
 
 
 class Instruments:
-    """Encoders in steps, velocities from their differences, a noisy torque sensor."""
+    """Quantised encoders, velocities from differences, and a noisy torque sensor."""
 
     def __init__(self, seed: int, period: float) -> None:
         """Begin, with this time between two readings [s]."""
@@ -67,7 +67,7 @@ class Instruments:
 
 
 class Bench:
-    """The rig and its cables."""
+    """The rig: motor, cables, joint, and the hand that holds it."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class Bench:
         self._steps = math.ceil(period / STEP - 1e-9)
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
-        """Advance a period, the motor commanded [N m], the hand led [rad, rad/s]."""
+        """Advance a period by motor torque [N m] and the hand's motion [rad, rad/s]."""
         hand = np.array([*self._hand, swing, rate])
         if not self._lag:
             self._advance(torque, hand, self._steps)
@@ -132,7 +132,7 @@ Swing = Callable[[float], tuple[float, float]]
 
 
 class Lockstep:
-    """Clock and rig at once: while the loop waits, the bench goes on."""
+    """Rig and clock in one: the bench advances while the control loop waits."""
 
     def __init__(self, bench: Bench, seed: int, swing: Swing) -> None:
         self.bench = bench
@@ -168,7 +168,7 @@ class Lockstep:
 
 
 class Commands:
-    """Log of a run that keeps the torques commanded to the motor [N m]."""
+    """Log of a run that keeps only the commanded motor torques [N m]."""
 
     def __init__(self) -> None:
         self.torques: list[float] = []
@@ -197,7 +197,7 @@ def play(
 def errors(
     rig: Lockstep, desired: hardware.TorqueTable, seconds: float, settled: float
 ) -> Array:
-    """Return the errors of the joint's true torque in a task, once settled [N m]."""
+    """Return the joint's true torque error [N m] in a task, after `settled` [s]."""
     # The first period passes before the first cycle.
     true = np.array(rig.torques[1 : 1 + round(seconds / rig.bench.period)])
     now = rig.bench.period * np.arange(true.size)

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 
 def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
-    """Return recorded trials as an experimenter's files make them."""
+    """Return recorded trials as the dataset read from an experimenter's files."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "data"
         write_data(path, data, facts_of(trials, seed))
@@ -59,9 +59,9 @@ PACES = {"rest": 0.005, "creep": 0.06, "slow": 0.5, "fast": np.inf}
 
 
 def squares(make: str, seed: int) -> dict[str, Array]:
-    """Return sums of squares by pace and trial: of noise, of the floor (2, channels).
+    """Return sums of squares (2, channels) of noise and of floor, by pace and trial.
 
-    As in fits, errors are over what divides them, and Huber's.
+    As in fits, errors are divided by their scale, with Huber's loss.
     """
     rig = make_rig(seed, make=make)
     trials = MAKES[make].trials(rig)

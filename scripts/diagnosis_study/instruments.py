@@ -121,7 +121,7 @@ def diagnosed(name: str, kind: str) -> dict[str, Any]:
 
 @cache
 def recorded(name: str) -> list[Columns]:
-    """Return the trials of a rig that hides an effect, with all its sensors."""
+    """Return the trials of a rig with a hidden effect, read by all its sensors."""
     rig, amounts = make_rig(SEED), {}
     if name != "none":
         amounts[name] = calibrate(rig, name, STRENGTH, "rich", SEED)

@@ -1,4 +1,4 @@
-"""Cases of a study that are kept, so that those that are there are not done again."""
+"""Cases of a study kept in files, so that finished ones are not repeated."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Record = dict[str, Any]
 
 
 def kept(path: Path, make: Callable[[], Record]) -> Record:
-    """Return the case of a file, which is made and written if it is not there."""
+    """Return the record in the file `path`; if it is missing, make and write it."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(make(), indent=1), encoding="utf-8")
@@ -27,7 +27,7 @@ def kept(path: Path, make: Callable[[], Record]) -> Record:
 
 
 class Lines:
-    """Cases in a file of JSON lines."""
+    """Records of cases in a file of JSON lines."""
 
     def __init__(self, path: Path) -> None:
         """Read those that are there."""
@@ -36,7 +36,7 @@ class Lines:
         self.records: list[Record] = [json.loads(line) for line in text.splitlines()]
 
     def done(self, *keys: str) -> set[tuple[Any, ...]]:
-        """Return what tells the cases that are there."""
+        """Return the values of `keys` in each record, which identify finished cases."""
         return {tuple(record[key] for key in keys) for record in self.records}
 
     def add(self, record: Record) -> None:
@@ -52,9 +52,9 @@ def complete(
     make: Callable[..., Record],
     table: Callable[[list[Record]], str],
 ) -> list[Record]:
-    """Make the cases that a folder lacks; print and keep the table.
+    """Make the cases that a folder lacks; print and keep the table; return records.
 
-    `keys` of a record tell its case, in the order of a case.
+    `keys` are the fields of a record that identify its case, in the order of `cases`.
     """
     out.mkdir(parents=True, exist_ok=True)
     lines = Lines(out / "cases.jsonl")
@@ -69,7 +69,7 @@ def complete(
 
 
 def findings(found: Diagnosis) -> Record:
-    """Return what a diagnosis found, and in which numbers."""
+    """Return a diagnosis as a record: verdict, effects, ties and their numbers."""
     return {
         "verdict": found.verdict,
         "named": [each.id for each in found.missing],

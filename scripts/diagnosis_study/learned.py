@@ -45,7 +45,7 @@ MORE = 1.4  # factor of friction where that is what is hidden
 
 
 def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
-    """Return a rig, and what it hides."""
+    """Return a rig with a hidden effect, and the effect's amount by id."""
     rig = make_rig(seed, make="guides")
     if effect == FRICTION:
         return rougher(rig, MORE), {}
@@ -55,7 +55,7 @@ def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
 
 
 def law_of(name: str) -> Controller:
-    """Return a controller by name, or by its file a policy that learnt on the bench."""
+    """Return a controller by name, or a policy by its file."""
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
     drive = dataclasses.replace(drive, torque_noise=NOISE)
     if Path(name).suffix == ".safetensors":
@@ -70,7 +70,7 @@ def law_of(name: str) -> Controller:
 
 
 def played(name: str, effect: str, seed: int) -> dict[str, Any]:
-    """Play the task; RMS error, chatter and peak of the motor [N m], how it ended."""
+    """Play the task; return RMS error, chatter and motor peak [N m], and outcome."""
     desired, swing = task()
     law = law_of(name)
     period = law.drive.period
@@ -91,7 +91,7 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
 
 
 def chatter(torques: Array, period: float) -> float:
-    """Return the RMS of what is less than its mean over 50 ms, once settled."""
+    """Return the RMS of torques less their mean over 50 ms, after settling [N m]."""
     width = round(0.05 / period)
     mean = np.convolve(torques, np.ones(width) / width, "same")
     begin, end = round(SETTLED / period), round(SECONDS / period) - width
@@ -116,7 +116,7 @@ def summary(records: list[Mapping[str, Any]], names: Sequence[str]) -> str:
 def cell(
     records: list[Mapping[str, Any]], name: str, key: str, effect: str | None = None
 ) -> str:
-    """Return the mean of what finished [mN m], and how many did not."""
+    """Return the mean [mN m] over finished runs, and the number of others."""
     mine = [r for r in records if r["controller"] == name]
     found = [1e3 * r[key] for r in mine if effect in (None, r["effect"])]
     there = [x for x in found if math.isfinite(x)]

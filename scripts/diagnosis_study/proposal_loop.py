@@ -85,7 +85,7 @@ class Case(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One diagnosis, the trial that it proposes, "" without one, and its time [s]."""
+    """One diagnosis, its time [s], and the trial that it proposes ("" for none)."""
 
     result: DiagnosisResult
     proposed: str
@@ -93,7 +93,7 @@ class Step(NamedTuple):
 
     @property
     def diagnosis(self) -> Diagnosis:
-        """The result's own."""
+        """The `Diagnosis` of the result."""
         return self.result.diagnosis
 
 
@@ -136,7 +136,7 @@ def loop(
 
 
 def planned_trial(plan: Path) -> tuple[Trial, str, str]:
-    """Return the trial of a folder `next_trial_NN`, its load cell, and all facts."""
+    """Return the trial of a folder `next_trial_NN`, its load cell, and its facts."""
     from cc_mujoco.hardware._references import read_plan
 
     (planned,) = read_plan(plan)
@@ -146,7 +146,7 @@ def planned_trial(plan: Path) -> tuple[Trial, str, str]:
 
 
 def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
-    """Return a planned trial as a rig plays it, by its facts of `dataset.toml`."""
+    """Return the rig's trial for a planned one, with its facts of `dataset.toml`."""
     time = np.arange(0.0, planned.times[-1], 1e-3)
     motor = np.interp(time, planned.times, planned.motor)
     joint = np.interp(time, planned.times, planned.joint)
@@ -190,14 +190,14 @@ def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> Record:
 
 
 def word_of(record: Record, step: int) -> str:
-    """Return one word for how a diagnosis of a rig went, see `judged`."""
+    """Return how the diagnosis of number `step` went, see `judged`."""
     found = record["steps"][step]
     parts = found["verdict"], found["named"], found["ties"]
     return judged(record["kind"], record["effects"], *parts)
 
 
 def end_of(record: Record) -> str:
-    """Return how a loop ended: with a verdict, as undecidable, or open.
+    """Return the end of a loop: its verdict, "undecidable" or "open".
 
     A tie is undecidable if no trial of the catalogue would settle it, and open if one
     more is proposed than may be recorded.
@@ -223,7 +223,7 @@ def cases(
     first: int,
     rounds: int,
 ) -> Iterator[Case]:
-    """Yield cases, with makes in turn so that a part of them is balanced.
+    """Yield all cases, alternating between makes so that any part is balanced.
 
     Every hidden effect and round has a seed of its own.
     """
@@ -241,7 +241,7 @@ def cases(
 
 
 def amounts_of(case: Case, records: Sequence[Record]) -> dict[str, float]:
-    """Return how much to hide, taken from another protocol of the same rig if done."""
+    """Return amounts of the hidden effects, the same for all protocols of a rig."""
     for record in records:
         if all(record[k] == getattr(case, k) for k in KEYS if k != "protocol"):
             return dict(zip(case.effects, record["amounts"], strict=True))
@@ -254,7 +254,7 @@ def amounts_of(case: Case, records: Sequence[Record]) -> dict[str, float]:
 
 
 def summary(records: Sequence[Record]) -> str:
-    """Return Markdown: rates by what is hidden, then the rigs that are not right."""
+    """Return Markdown: rates by hidden effect, then the rigs diagnosed wrongly."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
     for r in records:
         group = "static" if r["hidden"] in STATIC else r["kind"]
@@ -290,7 +290,7 @@ def summary(records: Sequence[Record]) -> str:
 
 
 def calibration(records: Sequence[Record]) -> list[list[str]]:
-    """Return how often verdicts were right, in bands of the odds that they stated.
+    """Return the share of right verdicts in bands of the odds that they stated.
 
     The last verdict of every rig counts, and the first where a trial followed it.
     """

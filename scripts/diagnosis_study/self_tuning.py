@@ -44,7 +44,7 @@ PLACES = (0.0, 0.5, 1.0)  # places of the sensors of tension, over the length of
 
 @dataclasses.dataclass(frozen=True)
 class Elbow:
-    """Bend that changes the path while the bench runs."""
+    """A bend of the route that changes during a run of the bench."""
 
     begin: float  # begin of the part that bends, over the length
     end: float
@@ -54,7 +54,7 @@ class Elbow:
 
     @classmethod
     def drawn(cls, seed: int, most: float = 2.2) -> Elbow:
-        """Return an elbow somewhere in the middle, slow beside the joint's motion."""
+        """Return a random elbow near the middle, slow beside the joint's motion."""
         random = np.random.default_rng([seed, 0xE1B])
         middle, width = random.uniform(0.35, 0.65), random.uniform(0.2, 0.4)
         inner = 1.0 + random.uniform(-0.03, 0.03)
@@ -66,7 +66,7 @@ class Elbow:
         )  # fmt: skip
 
     def bend(self, time: float) -> float:
-        """Return what it adds to the bend of a conduit [rad], 0 at first."""
+        """Return the bend that the elbow adds to a conduit [rad], 0 at the start."""
         long, short = (
             0.5 - 0.5 * math.cos(2.0 * math.pi * time / t) for t in self.paces
         )
@@ -103,13 +103,13 @@ class BendingBench(Bench):
 
     @property
     def tensions(self) -> Array:
-        """Tensions of both cables where the sensors are (2, `PLACES`) [N]."""
+        """Tensions of both cables at the tension sensors (2, `PLACES`) [N]."""
         pieces = np.round(np.array(PLACES) * GUIDES).astype(int)
         return self.cables.tension[:, pieces].copy()
 
 
 class Quality(NamedTuple):
-    """Errors of a kind of sensor; each sensor of a bench has its own."""
+    """Errors of a kind of sensor; each single sensor draws its own."""
 
     noise: float  # standard deviation of every reading
     gain: float  # standard deviation of the error of its gain, relative
@@ -146,7 +146,7 @@ class Taps:
         self._strain = _Kind(kinds[1], strain, (2, len(PLACES)), period)
 
     def read(self, bench: BendingBench) -> tuple[Array, Array]:
-        """Return the bends (2, `ZONES`) [rad] and tensions (2, `PLACES`) [N]."""
+        """Return read bends (2, `ZONES`) [rad] and tensions (2, `PLACES`) [N]."""
         return self._bend.read(bench.bends), self._strain.read(bench.tensions)
 
 
@@ -185,7 +185,7 @@ SEEDS = tuple(range(11, 21))
 
 
 class Equipped(Controller):
-    """A controller and its sensors along the cables."""
+    """A controller with sensors along the cables."""
 
     def __init__(
         self, law: Controller, bench: BendingBench, taps: Taps, *, senses_bend: bool,
@@ -228,7 +228,7 @@ class Equipped(Controller):
 
 
 def along(bends: Array, segments: int) -> Array:
-    """Wrap angles of segments from those of equal lengths of conduit [rad]."""
+    """Return wrap angles of segments from those of equal lengths of conduit [rad]."""
     edges = np.linspace(0.0, 1.0, bends.size + 1)
     sums = np.concatenate([[0.0], np.cumsum(bends)])
     return np.diff(np.interp(np.linspace(0.0, 1.0, segments + 1), edges, sums))
@@ -255,7 +255,7 @@ def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equippe
 
 
 def task(seed: int) -> tuple[TorqueTable, Swing]:
-    """Return desired torque and wearer's motion, two sines of random phases each."""
+    """Return desired torque and wearer's motion, each two sines of random phase."""
     random = np.random.default_rng([seed, 0x7A5])
     first, second, third, fourth = random.uniform(0.0, 2.0 * math.pi, 4)
     times = np.arange(0.0, SECONDS, 0.002)
@@ -273,7 +273,7 @@ def task(seed: int) -> tuple[TorqueTable, Swing]:
 
 
 def played(name: str, world: str, seed: int) -> dict[str, Any]:
-    """Play a task; RMS and median error [N m], and how it ended."""
+    """Play a task; return RMS and median error [N m], and the outcome."""
     desired, swing = task(seed)
     rig = make_rig(seed, make="guides")
     bench = BendingBench(
@@ -299,11 +299,11 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
 def compared(
     records: list[Mapping[str, Any]], world: str, name: str, key: str
 ) -> tuple[float, float, float, float, int]:
-    """Compare a variant with the fixed model, by seeds that both finished.
+    """Compare a variant with the fixed model, on the seeds that both finished.
 
-    Returns the mean error [N m], the geometric mean of its quotient by that of the
-    fixed model with the 95 % interval by resampling seeds, and how many runs did not
-    finish.
+    Returns the mean error [N m], the geometric mean of its ratio to that of the fixed
+    model with the ends of its 95 % interval (bootstrap over seeds), and the number of
+    unfinished runs.
     """
     errors = {(r["variant"], r["seed"]): r[key] for r in records if r["world"] == world}
     own = {seed: e for (variant, seed), e in errors.items() if variant == name}

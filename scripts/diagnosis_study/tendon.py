@@ -55,7 +55,7 @@ _KEYS = {
 
 
 def motions(bench: Bench, seconds: float) -> list[tuple[str, float, Array, Array]]:
-    """Return trials: notes, relative pretension, angles of motor and joint [rad]."""
+    """Return trials: notes, relative pretension, motor and joint angles [rad]."""
     t = STEP * np.arange(round(seconds / STEP))
     pull = 0.5 - 0.5 * np.cos(1.3 * t)
     swept = 0.45 * np.sin(2.0 * np.pi * (0.15 * t + 0.12 * t**2))
@@ -77,7 +77,7 @@ def shown(
     rig: str, bench: Bench, hidden: Mapping[str, float], angles: tuple[Array, Array],
     tension: float,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Return the torques of motor and joint that a rig shows at the samples."""
+    """Return the torques (samples,) [N m] that a rig gives at motor and joint."""
     values = {**OTHERWISE, **hidden}
     values["pretension"] *= tension
     bias = values.pop("joint_torque_bias", 0.0)

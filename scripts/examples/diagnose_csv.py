@@ -23,7 +23,7 @@ COLUMNS += ("joint_angle_rad", "joint_torque_nm")
 
 
 def main():
-    """Record trials, diagnose them, draw one."""
+    """Record trials, diagnose them, and draw one of them."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "data").mkdir()
@@ -38,7 +38,7 @@ def main():
 
 
 def record(folder, seconds):
-    """Write what sensors would have read; return two columns of the fast trial."""
+    """Write simulated readings of trials; return two columns of the fast trial."""
     plant = cc_mujoco.Plant(str(SCENE), HIDDEN)
     for number, (motion, task) in enumerate(TRIALS):
         log = cc_mujoco.simulate(

@@ -18,15 +18,15 @@ class JointDrag:
     confused_with = ("viscous_friction", "joint_inertia")
 
     def parameters(self):
-        """Return the sizes that are fitted; 0 is off."""
+        """Return the parameters to be fitted; the effect is off at 0."""
         return [Size("joint_drag", "N m s/rad", typical=0.05, low=0.0)]
 
     def signals(self, signals, values):
-        """Return the simulated torques with the effect."""
+        """Return the simulated signals with the effect's torque added."""
         return signals.added(joint=-values["joint_drag"] * signals.joint_speed)
 
     def edit_spec(self, spec, bench, values):
-        """Add the effect to the repaired scene."""
+        """Add the effect to the repaired scene's `MjSpec`."""
         spec.joint(bench.joint).damping[0] += values["joint_drag"]
         spec.add_sensor(
             name="joint_speed",

@@ -29,7 +29,7 @@ class SimulatedRig:
         return self.time
 
     def wait(self, deadline):
-        """Let it pass."""
+        """Simulate until the deadline [s]."""
         self.time = deadline
 
     def read(self):
@@ -43,11 +43,11 @@ class SimulatedRig:
         return hardware.Readings(self.time, self.angle, self.speed, *joint, torque)
 
     def write(self, torque):
-        """Take a command."""
+        """Set the motor's torque [N m]."""
         self.torque = torque
 
     def close(self):
-        """Give no torque."""
+        """Set the motor's torque to 0."""
         self.torque = 0.0
 
 
@@ -55,7 +55,7 @@ class Rows(list):
     """A log in memory; `cc_mujoco.hardware.RunLog` writes files."""
 
     def row(self, axes, late, work, cycle):
-        """Keep what was measured and desired, until the run ends."""
+        """Keep the measurements and desired torques of a cycle, as tuples."""
         seen, desired = axes[0].seen, axes[0].desired
         if np.isfinite(desired):
             self.append((seen.time, seen.joint_torque, desired))

@@ -28,7 +28,7 @@ FINGER = """
 
 
 def pulled(friction):
-    """Return the pull and the angle of the tip of one slow stroke to and fro."""
+    """Return pull and tip angle during one slow stroke to and fro."""
     spec = mujoco.MjSpec.from_string(FINGER)
     if friction:
         cc_mujoco.add_friction(spec, "cord", friction=friction)

@@ -22,7 +22,7 @@ WRIST = {"hold": 5, "history": 4, "randomise": {"friction": (0.05, 0.2)}}
 
 
 def train(updates=30, path="policy.safetensors"):
-    """Write the policy to a path; return steps and mean returns of the episodes."""
+    """Train and write a policy; return steps and mean returns of the episodes."""
     torch.manual_seed(0)
     torch.set_num_threads(1)
     name = "cc_mujoco:cc_mujoco/WristHandle-v1"

@@ -42,7 +42,7 @@ class Cycle(NamedTuple):
 
 
 def scene(bend: str) -> mujoco.MjModel:
-    """Return the ankle exoskeleton with a conduit that bends so."""
+    """Return the ankle exoskeleton whose conduit has this `bend` key."""
     spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
     cable = plugin.from_mjcf(spec)[CABLE]
     plugin.to_mjcf(spec, CABLE, cable.replace(bend=bend))
@@ -50,7 +50,7 @@ def scene(bend: str) -> mujoco.MjModel:
 
 
 def lever(model: mujoco.MjModel) -> float:
-    """Return the lever of the heel in the neutral pose [m]."""
+    """Return the moment arm of the cable at the heel in the neutral pose [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     lengths = []

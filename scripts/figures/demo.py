@@ -39,14 +39,14 @@ BEGIN = 0.5  # time from which on torques are judged [s]
 
 
 def relative_error(time: Array, desired: Array, reached: Array) -> float:
-    """Return the RMS error over the RMS of what is desired, from `BEGIN` on."""
+    """Return the RMS error over the RMS of the desired signal, from `BEGIN` on."""
     late = time >= BEGIN
     off = np.mean((reached - desired)[late] ** 2)
     return float(np.sqrt(off / np.mean(desired[late] ** 2)))
 
 
 def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
-    """Play the motion with one controller, with the sensors of the device."""
+    """Play the motion with one controller; return the log and the model."""
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1", trajectory="sweep", task=SPRING, duration=duration,
         disable_env_checker=True,

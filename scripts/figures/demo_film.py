@@ -55,7 +55,7 @@ DPI = 100
 
 
 class Course(NamedTuple):
-    """Course of an axis, desired and reached, (samples,) each."""
+    """Desired and reached torque or angle of an axis, (samples,) each."""
 
     quantity: str
     time: Array
@@ -80,7 +80,7 @@ class Take(NamedTuple):
 
 
 def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Picture]:
-    """Return the device at these samples, a cable at the highest tension brightest."""
+    """Return pictures of the device at these samples, coloured up to `highest` [N]."""
     log = take.log
     qpos = log["qpos"]
     poses = qpos[np.linspace(0, len(log) - 1, 40).astype(int)]  # of the camera
@@ -117,7 +117,7 @@ def frames(takes: dict[str, Take]) -> Iterator[Picture]:
 
 
 def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
-    """Draw all but the devices, with a delivered torque and a time line per plot."""
+    """Draw all but the devices; return the figure and the parts that a frame moves."""
     height, width = SIZE
     drawing = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     low, tall = PLOTS
@@ -167,7 +167,7 @@ def advance(lines: Any, course: Course, sample: int) -> None:
 
 
 def save(path: Path, film: list[Picture]) -> None:
-    """Write it as an animated WebP, whole or not at all."""
+    """Write the film as an animated WebP, which appears when complete."""
     first, *others = (Image.fromarray(frame) for frame in film)
     mark = Image.Exif()
     mark[Base.Software] = report.SOFTWARE_TAG
@@ -194,7 +194,7 @@ def is_ours(path: Path) -> bool:
 
 
 def film_path(text: str) -> Path:
-    """Return where the film shall be saved; a `type` of `argparse`."""
+    """Return the path of a `.webp` file; a `type` for `argparse`."""
     path = Path(text)
     try:
         require_own_file(path, is_ours)

@@ -39,7 +39,7 @@ Study = Callable[..., pa.Table]
 
 
 def grid(table: pa.Table, name: str, *shape: int) -> Array:
-    """Return a metric over the variables of a study."""
+    """Return a metric of a study as an array over its variables."""
     return np.array(table[name].to_numpy(zero_copy_only=False)).reshape(shape)
 
 
@@ -48,7 +48,7 @@ LOOPS = np.linspace(0.25, 3.0, 12)
 
 
 def loops(studied: Study, out: Path) -> str:
-    """Draw backlash against loops and friction."""
+    """Draw backlash against number of loops and friction; return the numbers."""
     table = studied(
         scene="wrist",
         vary={"friction": LINERS, "loops": LOOPS, "static_friction": 0.0},
@@ -108,7 +108,7 @@ RESERVE = 1.0  # least tension that is wanted anywhere [N]
 
 
 def pretension(studied: Study, out: Path) -> str:
-    """Draw transparency and slack against pretension."""
+    """Draw transparency and slack against pretension; return the numbers."""
     table = studied(
         scene="wrist",
         vary={
@@ -183,7 +183,7 @@ WALK: dict[str, Any] = {"duration": 5.0, "metrics": tuple(RATIO_PANELS)}
 
 
 def ratio(studied: Study, out: Path) -> str:
-    """Draw motor torque and power against the sizes of drum and lever."""
+    """Draw motor torque and power against drum and lever radius; return the numbers."""
     vary = {"joint_radius": LEVER, "motor_radius": DRUM}
     table = studied(scene="ankle", vary=vary, **WALK)
     found = [grid(table, name, LEVER.size, DRUM.size) for name in RATIO_PANELS]
@@ -237,7 +237,7 @@ def ratio(studied: Study, out: Path) -> str:
 
 
 def racing(lever: float, drum: float) -> float:
-    """Return the slack share of the time above half the peak power."""
+    """Return the share of time above half the peak power with a slack cable."""
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan(StudySpec("ankle", designs=[design], **WALK))
     device = load_device("ankle")

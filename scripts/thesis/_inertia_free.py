@@ -20,7 +20,7 @@ from cc_mujoco.simulation._loop import Columns, Trace, run
 
 
 class InertiaFree:
-    """Cables between a torque and a position, a `DrivenDevice`."""
+    """Cables between a torque source and a position source; a `DrivenDevice`."""
 
     prefixes: tuple[str, ...] = ("",)
 
@@ -33,11 +33,11 @@ class InertiaFree:
     def run(
         self, controller: Controller, angle: FloatArray, desired: FloatArray
     ) -> dict[str, FloatArray]:
-        """Let a controller drive the device through a motion of the joint.
+        """Simulate a controller that drives the device through a joint motion.
 
         The controller is made for the drive, or for one with other cables; angle [rad]
         and desired torque [N m] are the joint's, (samples,). Returns columns,
-        (samples,) each; the torque of the motor is that which follows from the sample.
+        (samples,) each; the motor torque of a sample is computed from that sample.
         """
         self._angle, self._desired, self.steps = angle, desired, angle.size - 1
         trace = Trace(
@@ -51,14 +51,14 @@ class InertiaFree:
         return trace.columns
 
     def start(self) -> Columns:
-        """Rest in the pretension, with the joint at its first angle."""
+        """Start at rest in the pretension, with the joint at its first angle."""
         self._at, self.motor_angle = 0, 0.0
         self._state = stepper.rest_states(self.cables, 0.0, float(self._angle[0]))
         self._new = np.zeros_like(self._state)
         return self._columns(0.0)
 
     def advance(self, torque: FloatArray) -> Columns:
-        """Go on by a period with a torque of the motor [N m]."""
+        """Advance a period with a motor torque [N m]."""
         before = self.motor_angle
         self._at += 1
         self.motor_angle = stepper.balance(

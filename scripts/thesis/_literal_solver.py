@@ -78,7 +78,7 @@ def sign_patterns(n: int) -> list[FloatArray]:
 
 
 class Standing(NamedTuple):
-    """The node that stands still beyond the last moving one (2.1.1.4)."""
+    """The node at rest next to the last moving one (2.1.1.4)."""
 
     tension: float  # [N]
     displacement: float  # [m]

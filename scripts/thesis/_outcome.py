@@ -1,4 +1,4 @@
-"""Outcome of reproducing one thing of the thesis: claims and figures."""
+"""Result of reproducing a part of the thesis: claims and figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CLAIM_FILE = Path(__file__).with_name("claims.csv")
 
 
 class Finding(NamedTuple):
-    """Result of this package for a claim of the thesis."""
+    """Result of this package on a claim of the thesis."""
 
     ours: str  # with numbers and units
     # `agrees`; `better` where ours keeps the claim and goes beyond it; `in part`;
@@ -55,7 +55,7 @@ def claim_table() -> list[dict[str, str]]:
 
 
 def claims_of(experiment: str, findings: Iterable[Finding]) -> tuple[Claim, ...]:
-    """Return the claims that `claims.csv` has of an experiment, with new findings."""
+    """Return an experiment's claims in `claims.csv`, with new findings."""
     rows = [row for row in claim_table() if row["experiment"] == experiment]
     return tuple(
         Claim(row["where"], row["printed"], ours, verdict, why or row["why"], timed)
@@ -88,7 +88,7 @@ class Outcome:
 
 
 def passing(items: Sequence[Any], progress: Progress) -> Iterator[Any]:
-    """Yield items; tell progress the share of them that is done."""
+    """Yield items, and report the fraction done to `progress`."""
     for count, item in enumerate(items, start=1):
         yield item
         progress(count / len(items))
@@ -101,7 +101,7 @@ def rms(values: ArrayLike) -> float:
 def round_down_ratio(ratio: float) -> str:
     """Return a ratio of times rounded down to 1, 2 or 5 times a power of ten.
 
-    So much of it other machines find, too.
+    Other machines reproduce it to this precision.
     """
     power = 10.0 ** math.floor(math.log10(ratio))
     step = max(step for step in (1.0, 2.0, 5.0) if step * power <= ratio * (1 + 1e-9))

@@ -98,7 +98,7 @@ def blocked_output_test(cable: Cable) -> Blocked:
 
 
 def blocked_loops(found: Mapping[str, Blocked], title: str) -> Panel:
-    """Return the loops of output over motor torque by label, and the ideal line."""
+    """Return a panel of output over motor torque by label, with the ideal line."""
     time, torque = chopped_triangle()
     late = time > 15.0
     given = torque[late]

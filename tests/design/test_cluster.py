@@ -204,7 +204,7 @@ def other_code(tmp_path: Path) -> Path:
         shutil.copytree(HOME / name, home / name)
     path = home / "cc_mujoco" / "metrics" / "_formulas.py"
     text = path.read_text()
-    path.write_text(text.replace("return error", "return 2.0 * error", 1))
+    path.write_text(text.replace("return found", "return 2.0 * found", 1))
     assert path.read_text() != text
     return home
 

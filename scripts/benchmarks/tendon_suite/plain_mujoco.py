@@ -56,7 +56,7 @@ def specify(machine: Machine, timestep: float) -> mujoco.MjSpec:
 
 
 class InMuJoCo:
-    """A simulation of a machine."""
+    """Simulation of a machine by MuJoCo; see `Simulation` in `tasks.py`."""
 
     def __init__(self, machine: Machine, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)

@@ -41,11 +41,11 @@ def engines() -> dict[str, Engine]:
 
 
 class Enough(Exception):
-    """As many steps are timed as were asked for."""
+    """Exception that ends a task after the number of steps that are timed."""
 
 
 def score(task: str, engine: Engine, setting: Setting, steps: int) -> dict[str, Any]:
-    """Return the result with one setting; if `steps` is not 0, the speed of so many."""
+    """Return a task's result with one setting; with `steps`, only their speed."""
     seconds: list[float] = []
 
     def build(machine: Machine) -> Any:
@@ -91,7 +91,7 @@ def cell(result: dict[str, Any]) -> str:
 
 
 def table(results: dict[str, Any]) -> str:
-    """Return the results as Markdown, and the reasons below."""
+    """Return the results as a Markdown table, with reasons for missing ones below."""
     names = list(dict.fromkeys(name for row in results.values() for name in row))
     rows = [["task", *names], ["---"] * (len(names) + 1)]
     reasons = []

@@ -49,13 +49,13 @@ class Bend(NamedTuple):
     body: str = ""  # that carries the cylinder
 
     def point(self, share: float, out: float = 1.0) -> Array:
-        """Return a point along the arc, at `out` times the radius."""
+        """Return the point (3,) [m] at a fraction of the arc, at `out` radii."""
         angle, r = self.start + share * self.turn, out * self.radius
         along = (share - 0.5) * self.climb
         return np.add(self.centre, (r * math.sin(angle), along, r * math.cos(angle)))
 
     def direction(self, share: float) -> Array:
-        """Return the direction of the rope along the arc."""
+        """Return the direction (3,) of the rope at a fraction of the arc."""
         angle, around = self.start + share * self.turn, self.radius * self.turn
         along = (around * math.cos(angle), self.climb, -around * math.sin(angle))
         return np.array(along) / np.linalg.norm(along)
@@ -80,7 +80,7 @@ class Machine(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Largest ratio of the tensions at the ends, at the start."""
+        """Largest ratio of the end tensions that friction can hold, at the start."""
         return math.exp(self.friction * sum(bend.wrap for bend in self.bends))
 
     def turns(self, bend: Bend) -> bool:
@@ -89,19 +89,19 @@ class Machine(NamedTuple):
 
 
 class NotExpressible(Exception):
-    """The engine has no element for a machine; the text is the reason."""
+    """The engine has no element for a machine; the text of the exception says why."""
 
 
 class Simulation(Protocol):
-    """A machine in an engine, at rest at the start."""
+    """A machine simulated by an engine, from rest."""
 
     timestep: float
 
     def step(self, forces: Array) -> None:
-        """Advance by a step with a force or torque on the joint of every body."""
+        """Advance a step with a force [N] or torque [N m] on every body's joint."""
 
     def state(self) -> tuple[Array, Array]:
-        """Return displacement and speed of the joint of every body."""
+        """Return displacement [m, rad] and velocity of every body's joint (bodies,)."""
 
 
 class Engine(NamedTuple):
@@ -144,7 +144,7 @@ RAMP, FREE = 0.15, 0.4
 
 
 def play(sim: Simulation, force: Force, seconds: float) -> tuple[Array, Array, Array]:
-    """Return times, displacements and speeds under forces that may depend on these."""
+    """Return times [s], displacements and velocities, under forces from these."""
     states = [sim.state()]
     for k in range(round(seconds / sim.timestep)):
         sim.step(force(k * sim.timestep, *states[-1]))
@@ -156,7 +156,7 @@ def play(sim: Simulation, force: Force, seconds: float) -> tuple[Array, Array, A
 def accelerate(
     sim: Simulation, rest: Sequence[float], forces: Sequence[float]
 ) -> tuple[Array, Array]:
-    """Raise forces from those at rest; return accelerations, and ways, under them."""
+    """Raise forces from `rest` to `forces`; return accelerations, displacements."""
     start, rise = np.array(rest), np.subtract(forces, rest)
     time, place, speed = play(
         sim, lambda t, *_: start + smooth(t / RAMP) * rise, RAMP + FREE
@@ -174,7 +174,7 @@ def vector(array: Array) -> Vector:
 def two_ends(
     bends: Sequence[Bend], friction: float, mass: float = 3.0, free: float = 0.6
 ) -> Machine:
-    """Return two bodies that slide along a rope which leaves its bends straight."""
+    """Return a machine of two bodies that slide along the straight ends of a rope."""
     first, last, ends, bodies = bends[0], bends[-1], [], []
     for name, end, away in (
         ("pull", first.point(0.0), -first.direction(0.0)),
@@ -186,7 +186,7 @@ def two_ends(
 
 
 def slip_ratios(build: Build, machine: Machine) -> Iterator[Quantity]:
-    """Load a machine beyond and below its limit, both ways and at two loads."""
+    """Yield tension ratios of a machine that slips, in both directions at two loads."""
     ratio, mass, first = machine.ratio, machine.bodies[0].mass, machine.tension
     rest = (first, first)
     for load in (first, 3.0 * first):
@@ -234,7 +234,7 @@ def over_pulley(
     build: Build, friction: float, inertia: float, masses: tuple[float, float],
     loads: Sequence[tuple[float, float]],
 ) -> Iterator[Quantity]:  # fmt: skip
-    """Load two weights on a pulley: they move as one up to the ratio of slip."""
+    """Load two weights over a pulley; the rope slips beyond a ratio of tensions."""
     radius, centre = 0.1, (0.0, 0.0, 0.0)
     ends = [("pull", (-radius, 0.0, -0.8)), ("load", (radius, 0.0, -0.8))]
     weights = [

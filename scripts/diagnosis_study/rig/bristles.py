@@ -225,7 +225,7 @@ def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
 
 @internal
 def update(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
-    """Update the variables of friction other than load, after `tick` seconds."""
+    """Update friction's speed, age, place and warmth after `tick` [s]."""
     sliding = p.stribeck != 0.0 or p.asymmetry != 0.0 or p.tension_power != 0.0
     resting = p.ageing != 0.0 or p.heating != 0.0
     if not (sliding or resting or p.wrap_slope != 0.0 or p.bumps != 0.0):
@@ -289,10 +289,10 @@ def step(
     far_speed: float,
     dt: float,
 ) -> tuple[float, float]:
-    """Advance cable c by dt between its two ends; tension at the motor and the joint.
+    """Advance cable `c` by `dt` [s]; return the tensions at motor and joint [N].
 
-    `near` and `far` are the displacements of the ends towards the motor, `rest` is the
-    tension of an unstretched cable.
+    `near` and `far` are the displacements of its ends towards the motor [m], with
+    speeds [m/s]; `rest` is the tension of the unstretched cable [N].
     """
     n = p.nodes
     mass = p.line_density * p.length / n
@@ -341,9 +341,9 @@ def stored(
     near: tuple[float, float],
     far: tuple[float, float],
 ) -> float:
-    """Return the energy of strain and motion of both cables [J]; linear strand.
+    """Return the elastic and kinetic energy of both cables [J], for a linear strand.
 
-    `near` and `far` are the displacements of the ends of cables a and b.
+    `near` and `far` are the displacements of the ends of cables a and b [m].
     """
     n = p.nodes
     mass = p.line_density * p.length / n

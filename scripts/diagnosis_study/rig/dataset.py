@@ -24,7 +24,7 @@ def make_trials(trials: str, seed: int) -> list[Trial]:
 
 
 def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> Truth:
-    """Return the rig with effects hidden in it; `mesh` is of its make's `plant_of`."""
+    """Return the rig with these effects (amounts by id); `mesh` goes to `plant_of`."""
     make = MAKES[rig.make]
     truth = Truth(make.plant_of(rig, **mesh), make.chain_of(rig))
     for name, amount in effects.items():
@@ -35,7 +35,7 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
 
 
 def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
-    """Return the records of one trial, integrated with steps shorter by `refine`.
+    """Return the records of one trial, with time steps divided by `refine`.
 
     Cables that are off pull at pulleys of radius 0. A known weight pulls with a
     constant torque; its mass accelerates nothing.
@@ -63,9 +63,10 @@ def clean_dataset(
     seed: int,
     names: tuple[str, ...] = BASIC,
 ) -> list[Array]:
-    """Return what a logger without noise would store: (samples, names) per trial.
+    """Return the readings of a logger without noise, (samples, names) per trial.
 
-    Sensors that have changed places read each other's torque, and are then named by it.
+    Torque sensors that have changed places read each other's torque under their own
+    names.
     """
     truth, torques = truth_of(rig, effects, seed), ("motor_torque", "joint_torque")
     found = []
@@ -90,10 +91,10 @@ def make_dataset(
 ) -> list[dict[str, Array]]:
     """Return the recorded trials of one session.
 
-    Effects are amounts by id, see `MAKES`; trials are a name of `trials.SETS`. The seed
-    is that of motions, noise and what effects draw, not of the rig. With `tensions` the
-    four end tensions are recorded too. Each trial is a dict of columns, 500 Hz, see
-    `sensors.CHANNELS`.
+    `effects` has amounts by id, see `MAKES`; `trials` is a name of `trials.SETS`. The
+    seed is that of motions, noise and random choices of effects, not of the rig. With
+    `tensions` the four end tensions are recorded too. Each trial is a dict of columns,
+    500 Hz, see `sensors.CHANNELS`.
     """
     names = tuple(CHANNELS) if tensions else BASIC
     clean = clean_dataset(rig, effects, make_trials(trials, seed), seed, names)

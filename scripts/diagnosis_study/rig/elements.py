@@ -239,7 +239,7 @@ def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
 
 @internal
 def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float]:
-    """Return an element's tension and its slope by the stretch beyond pretension."""
+    """Return an element's tension [N] and slope [N/m]; `tight` is that at stretch 0."""
     if p.toe == 0.0:
         tension = tight + k * stretch
         return (tension, k) if tension > 0.0 else (0.0, 0.0)
@@ -386,9 +386,9 @@ def step(
     time: float,
     dt: float,
 ) -> tuple[float, float, bool]:
-    """Advance a cable by dt [s]; return its end tensions [N] and whether it can.
+    """Advance a cable by `dt` [s]; return end tensions [N] and whether it converged.
 
-    It cannot where the nodes of a step are not found, however often it is halved.
+    It fails if Newton's method does not converge however often the step is halved.
     `tight` is the tension at rest [N]; `near` and `far` are displacements of the ends
     at motor and joint before and after [m]; `joint` is the joint's angle [rad].
     """
@@ -494,10 +494,10 @@ def _solved(
 
 @compiled
 def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Return the length wound on the motor pulley from 0, and its slope [m/rad].
+    """Return the length [m] wound on the motor pulley, and its slope [m/rad], by angle.
 
-    Off its middle it is nearer on one side as it is farther on the other; oval, it is
-    the same on both.
+    An eccentric pulley changes the lengths on its two sides oppositely, an oval one
+    equally.
     """
     e = side * p.offcentre
     oval = 0.5 * p.offcentre

@@ -1,4 +1,4 @@
-"""One trial of a rig: what the makes have in common; each has its law of the cables.
+"""One trial of a rig: the code that all makes share; each has its cable law.
 
     records = integrate(LAW, plant, pretension, asked, 1)
 
@@ -34,7 +34,7 @@ MEANS = 9  # so many columns are means; the others hold at the end of the record
 
 
 class Asked(NamedTuple):
-    """Motions asked of motor and environment, and the ties to them."""
+    """Commanded motions of motor and environment, and the springs that impose them."""
 
     servo: FloatArray  # (2,) stiffness and damping of the motor's position loop
     # (2,) stiffness and damping that tie the handle to `target`
@@ -45,7 +45,7 @@ class Asked(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One trial as a law steps it."""
+    """State and settings of one trial, as a cable law steps it."""
 
     shafts: FloatArray  # their state
     now: FloatArray  # means of a step (`MEANS`,), work space
@@ -122,7 +122,7 @@ def _tied(
 def turn(
     shafts: FloatArray, shaft: int, push: float, inertia: float, dt: float
 ) -> float:
-    """Advance a shaft by dt under a torque [N m]; return its acceleration."""
+    """Advance a shaft by `dt` [s] under a torque [N m]; return its acceleration."""
     rate = push / inertia
     shafts[shaft + 1] += rate * dt
     shafts[shaft] += shafts[shaft + 1] * dt
@@ -140,13 +140,13 @@ def turn_joint(
     extra: float,
     dt: float,
 ) -> float:
-    """Advance joint pulley and handle by dt; the torque that their sensor shows [N m].
+    """Advance joint pulley and handle by `dt` [s]; return the sensor's torque [N m].
 
-    The sensor sits between pulley and handle: what the pulley carries besides
-    (unbalance, spring, extra inertia) is on the transmission's side of it. Torques on
-    the pulley but for that of the handle, on the handle but for that of the pulley, and
-    between them through their play are `net`, `hold` and `across`; `hub` is the inertia
-    of the pulley alone, 0 where they are one body.
+    The sensor sits between pulley and handle, so other loads of the pulley (unbalance,
+    spring, extra inertia) are on the side of the transmission. `net` is the torque on
+    the pulley without the handle's, `hold` that on the handle without the pulley's,
+    `across` that between them through play; `hub` is the inertia of the pulley alone, 0
+    where they are one body.
     """
     if hub == 0.0:
         rate = turn(shafts, JOINT, net + hold, inertia + extra, dt)
@@ -162,7 +162,7 @@ def turn_joint(
 def through_play(
     shafts: FloatArray, play: float, stiffness: float, damping: float
 ) -> float:
-    """Return the torque of the pulley on the handle by flanks that are springs."""
+    """Return the torque of the pulley on the handle by play with elastic flanks."""
     ahead = shafts[HUB] - shafts[JOINT]
     over = abs(ahead) - 0.5 * play
     if over <= 0.0:
@@ -180,7 +180,7 @@ def see(
     near: tuple[float, float],
     far: tuple[float, float],
 ) -> None:
-    """Note in `now` (`MEANS`,) what the records of a step are the means of."""
+    """Write to `now` (`MEANS`,) the quantities that records average over steps."""
     now[0], now[1] = motor
     now[2], now[3], now[4] = joint
     now[5], now[6] = near
@@ -189,7 +189,7 @@ def see(
 
 @internal
 def add(row: FloatArray, now: FloatArray, share: float) -> None:
-    """Add a share of a step to the means of a record."""
+    """Add `now`, weighted by `share`, to the sums of a record."""
     for k in range(MEANS):
         row[k] += share * now[k]
 
@@ -198,7 +198,7 @@ def add(row: FloatArray, now: FloatArray, share: float) -> None:
 def close(
     row: FloatArray, steps: int, works: tuple[float, float, float, float]
 ) -> None:
-    """Make means of sums over steps, and enter the four works."""
+    """Divide the sums of a record by `steps`, and write the four works [J]."""
     for k in range(MEANS):
         row[k] /= steps
     row[9], row[10], row[11], row[12] = works

@@ -39,7 +39,7 @@ FORMATS = {"time_s": "%.5f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4
 def write_data(
     folder: Path, data: list[dict[str, Array]], facts: str, form: str = ""
 ) -> None:
-    """Write what the experimenter has; numbers in a form, or as columns need them."""
+    """Write an experimenter's files; `form` formats numbers, by default per column."""
     folder.mkdir(parents=True)
     for k, columns in enumerate(data):
         ends = ((name, name.rsplit("_", 1)[-1]) for name in columns)
@@ -53,7 +53,7 @@ def write_data(
 
 
 def facts_of(trials: str, seed: int) -> str:
-    """Return what the experimenter noted down about each trial."""
+    """Return the `dataset.toml` of an experimenter: known facts of each trial."""
     lines = []
     for k, trial in enumerate(make_trials(trials, seed)):
         tension = NOMINAL["pretension_n"] * trial.tightness
@@ -88,7 +88,7 @@ def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
 def label_of(
     rig: Rig, amounts: dict[str, float], asked: float, trials: str, seed: int
 ) -> dict[str, Any]:
-    """Return what is hidden, how much of it, and in which rig."""
+    """Return the label of a data set: hidden effects, their amounts, and the rig."""
     effects, plain = MAKES[rig.make].effects, truth_of(rig, {}, seed)
     hidden = [
         {

@@ -186,7 +186,7 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
 
 @internal
 def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
-    """Return the tension of a piece and its slope by the stretch; never negative."""
+    """Return the tension of a piece [N] and its slope [N/m]; never negative."""
     if sag == 0.0:
         return (stiffness * stretch, stiffness) if stretch > 0.0 else (0.0, 0.0)
     root = math.sqrt(stretch * stretch + sag * sag)
@@ -409,10 +409,9 @@ def _solved(
 
 @compiled
 def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Return the length wound on the motor pulley from 0, and its slope [m/rad].
+    """Return the length [m] wound on the motor pulley, and its slope [m/rad], by angle.
 
-    The axis is off the middle: the tangent is nearer or farther as the middle goes
-    round, on one side as it is not on the other.
+    An eccentric pulley changes the lengths on its two sides oppositely.
     """
     e = side * p.offcentre
     length = p.motor_radius * angle

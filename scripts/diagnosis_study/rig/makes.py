@@ -26,14 +26,14 @@ EFFECTS = Path(__file__).with_name("effects.toml")
 
 
 class Truth(NamedTuple):
-    """The physics and the sensors of a rig, hidden effects included."""
+    """Physics and sensors of a rig, hidden effects included."""
 
     plant: Any
     chain: Any
 
 
 class Effect(NamedTuple):
-    """One thing that can be hidden, see `effects.toml`."""
+    """An effect that can be hidden in a rig, see `effects.toml`."""
 
     parameter: str  # what `amount` measures
     unit: str  # of the amount
@@ -47,7 +47,7 @@ class Effect(NamedTuple):
     drawn: Mapping[str, Any] = {}
 
     def hide(self, truth: Truth, amount: float, random: Generator) -> Truth:
-        """Return the truth with the effect."""
+        """Return the rig with `amount` of the effect; `random` draws its details."""
         size = float(random.choice([-1.0, 1.0])) * amount if self.signed else amount
         changes: dict[str, Any] = {self.plant or self.chain: size}
         if self.uneven:

@@ -148,7 +148,7 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
 
 
 def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Array:
-    """Return the readings of a logger without noise or rounding, (samples, names)."""
+    """Return the readings (samples, names) of a logger without noise or rounding."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
     moments = LEAD + chain.moments(round(recorded * SAMPLE_RATE))
@@ -166,7 +166,7 @@ def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Arr
 def logged(
     clean: Array, chain: Any, names: tuple[str, ...], key: list[int]
 ) -> dict[str, Array]:
-    """Add noise, of the seed `key`, and rounding; return columns as in the files."""
+    """Return columns as in files: readings with noise of seed `key`, rounded."""
     columns = {"time_s": chain.moments(clean.shape[0])}
     order = list(CHANNELS)
     for j, name in enumerate(names):

@@ -38,7 +38,7 @@ LOOKED_AT = {
 
 
 class Tuned(NamedTuple):
-    """One constant that the experimenter tunes."""
+    """A constant of the rig that the experimenter fits, and its bounds."""
 
     step: float  # step of the difference quotient
     bound: float  # largest plausible change
@@ -141,7 +141,7 @@ class Strength(NamedTuple):
 def measure(
     rig: Rig, effects: Mapping[str, float], trials: str = "rich", seed: int = 0
 ) -> Strength:
-    """Measure the strength of effects, amount by id, in the trials of `LOOKED_AT`."""
+    """Return the strength of effects (amounts by id), in the trials of `LOOKED_AT`."""
     changed = _responses(rig, *_simulated(rig, effects, trials, seed))
     change = changed - _plain(rig, trials, seed)[2]
     left = _left_over(rig, change, trials, seed)
@@ -151,10 +151,10 @@ def measure(
 def calibrate(
     rig: Rig, effect: str, strength: float, trials: str = "rich", seed: int = 0
 ) -> float:
-    """Return the amount of an effect at which R after refit is `strength`.
+    """Return the amount of an effect whose strength R after refit is `strength`.
 
-    The amount is found by secants in the logarithms. It stops at the effect's limit, so
-    the strength may be lower than requested.
+    The secant method in logarithms finds it. It stops at the effect's limit, so the
+    strength may be lower than requested.
     """
     if strength == 0.0:
         return 0.0

@@ -30,14 +30,14 @@ def rounded(path: Array, width: float = 0.02) -> Array:
 
 
 def via(times: Array, angles: Array) -> Array:
-    """Return straight lines through points, with rounded corners."""
+    """Return straight lines through (time [s], angle [rad]) points, corners rounded."""
     return rounded(np.interp(TIME, times, angles))
 
 
 def speed_ladder(speeds: Array, reach: float) -> Array:
-    """Return constant speeds to and fro, as many as time allows.
+    """Return moves to and fro at each constant speed [rad/s], as many as time allows.
 
-    Each rung lasts equally long; slow ones turn short of `reach`.
+    Each speed lasts equally long; slow ones turn short of `reach` [rad].
     """
     rung = DURATION / len(speeds)
     angle = np.zeros_like(TIME)
@@ -53,9 +53,10 @@ def speed_ladder(speeds: Array, reach: float) -> Array:
 
 
 def multisine(rng: Generator, low: float, high: float, rms: float) -> Array:
-    """Return a multisine of random phases at multiples of 1/8 Hz, limited in speed.
+    """Return a multisine (samples,) [rad] of random phases at multiples of 1/8 Hz.
 
-    Amplitudes fall as 1 / frequency, so that every line adds the same speed.
+    Its band is `low` to `high` [Hz], its RMS `rms` [rad]. Amplitudes fall as 1 /
+    frequency, so that every line adds the same speed.
     """
     lines = np.unique(np.round(np.geomspace(low, high, 9) * DURATION)) / DURATION
     phases = rng.uniform(0, 2 * np.pi, lines.size)
@@ -167,14 +168,14 @@ def _trial(
 
 
 def asked(motor: Array, joint: Array, load: str) -> Trial:
-    """Return a trial with given motions of motor and environment at 1 kHz [rad]."""
+    """Return a trial that commands motor and joint motions at 1 kHz [rad]."""
     held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
     command, target = _led(rounded(motor), 0.08), _led(rounded(joint), 0.0)
     return Trial("asked for", load, command, target, STIFF, held)
 
 
 def standard(trials: list[Trial]) -> list[Trial]:
-    """Return trials with one more of the rig turned, and two with the cables off.
+    """Return the trials, one more with the rig turned, and two with the cables off.
 
     The second of these has known weights in place of the cables.
     """
@@ -186,7 +187,7 @@ def standard(trials: list[Trial]) -> list[Trial]:
 
 
 def rich(rng: Generator) -> list[Trial]:
-    """Return eight trials that show something of everything, both ends moving."""
+    """Return eight trials with varied motions, in which both ends move."""
     zero = np.zeros_like(TIME)
     speeds = np.array([0.06, 0.15, 0.4, 1.0, 2.5]) * rng.uniform(0.9, 1.1)
     dwells = np.array([0.1, 0.3, 1.0, 0.2, 1.8])
@@ -232,7 +233,7 @@ def ramps(rng: Generator) -> list[Trial]:
 
 
 def human(rng: Generator) -> list[Trial]:
-    """Return eight trials of reaching: a hand moves, a soft motor goes along."""
+    """Return eight trials of reaching: a hand moves, and a compliant motor follows."""
     out = []
     for k in range(7):
         dwells = rng.uniform(0.1, 0.9, 5)

@@ -128,7 +128,7 @@ MIN_PLAUSIBLE_EFFICIENCY = 0.2
 
 
 def simulated_onset(cable: Cable) -> float:
-    """Return the motor torque at which the locked output first feels anything [N m]."""
+    """Return the motor torque at which the locked output first changes [N m]."""
     torque = np.linspace(0.0, 3.0, 12_000)
     still = np.zeros_like(torque)
     found = rig.drive(cable).replay(rig.DT, motor_torque=torque, joint_angle=still)
@@ -136,7 +136,7 @@ def simulated_onset(cable: Cable) -> float:
 
 
 def magnitudes(progress: Progress) -> Outcome:
-    """Prove that Table 2.2 is silent at 0.125 N m, and vary one parameter at a time."""
+    """Show that Table 2.2 gives no output at 0.125 N m; vary each parameter alone."""
     needed = onset_torque(COULOMB)
     simulated = simulated_onset(COULOMB.replace(segments=200))
     agonist = COULOMB.pretension * math.expm1(COULOMB.friction * COULOMB.wrap)

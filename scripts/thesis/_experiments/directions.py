@@ -59,7 +59,7 @@ class _Votes(NamedTuple):
 def sensor_votes(
     cable: Cable, condition: str, samples: int, noise: float = NOISE
 ) -> _Votes:
-    """Let a sensor at each node solve the cable, from the true state before."""
+    """Return each sensor's own solution, from readings and the true state before."""
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
     moment = directions.Moment.of(
         mesh, directions.CONDITIONS[condition](SEGMENTS), TENSION, MOTION
@@ -80,7 +80,7 @@ def sensor_votes(
 
 
 def side_means(values: FloatArray) -> tuple[float, float]:
-    """Return the means before and after each sensor's own node, one at every node.
+    """Return means of `values` on either side of each sensor, one at every node.
 
     `values` are (m, n) for segments or (m, n + 1) for nodes.
     """
@@ -101,7 +101,7 @@ class Bias(NamedTuple):
 
 
 def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
-    """Return the effect of omitting sensors that disagree (plain means, as printed)."""
+    """Return the bias from omitting sensors that disagree (plain means, as printed)."""
     found = sensor_votes(cable, condition, samples, noise)
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
     pattern = directions.majority_directions(found.own.pattern, found.moment.pattern)
@@ -138,7 +138,7 @@ def observer_name(agility: float) -> str:
 
 
 def simulate_run(seconds: float = 6.0) -> _Run:
-    """Simulate motor and wearer that pull and release, with rests and exact encoder."""
+    """Simulate motor and wearer that pull and release, with rests; exact encoder."""
     time = np.arange(0.0, seconds, DT)
     knots = [0.0, 1.0, 1.5, 2.5, 3.0, 4.0, 4.5, 5.5, 6.0]
     proximal = -0.03 * np.interp(time, knots, [0, 1, 1, 0.2, 0.2, 1.2, 1.2, 0.3, 0.3])

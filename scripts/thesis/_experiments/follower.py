@@ -44,7 +44,7 @@ def handle_angle(duration: float = DURATION) -> FloatArray:
 
 
 def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> _Shared:
-    """Play both angles through the pull-pull transmission."""
+    """Play both angles (samples,) [rad] through the pull-pull transmission."""
     transmission = drive(cable)
     found = transmission.replay(DT, motor_angle=motor_angle, joint_angle=angle)
     motor, handle = transmission.ratio * found.motor_torque, -found.joint_torque
@@ -54,7 +54,7 @@ def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> _
 
 
 def follow(cable: Cable, angle: FloatArray) -> FloatArray:
-    """Return the angle that a motor under PI position control reaches [rad].
+    """Return the angle of a motor under PI position control that tracks `angle` [rad].
 
     Semi-implicit Euler; the motor's own damping stands for its back-EMF.
     """

@@ -67,13 +67,13 @@ def segment_constants() -> tuple[float, float]:
 
 
 def half_width(velocity: FloatArray, derivative: FloatArray) -> float:
-    """Return the largest speed at which a derivative has half its largest value."""
+    """Return the largest speed [m/s] at which a derivative has half its maximum."""
     large = np.abs(derivative) >= 0.5 * np.max(np.abs(derivative))
     return float(np.max(np.abs(velocity[large])))
 
 
 def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> float:
-    """Count how often a threshold on a noisy reading changes motion (Fig. 3.1).
+    """Return the mean number of changes of motion by a threshold on noise (Fig. 3.1).
 
     The true reading rises from 0 to 1 and falls again, crossing 0.5 twice.
     """
@@ -84,7 +84,7 @@ def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> floa
 
 
 def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
-    """Return the error variance of a scalar Kalman filter, and what it believes (3.9).
+    """Return the error variance of a scalar Kalman filter, and its own value (3.9).
 
     `printed` is "(3.4)" with F^-1 for F^T, "(3.7)" without the inverse of S.
     """

@@ -62,7 +62,7 @@ class Statistics(NamedTuple):
 def statistics(
     lengths: tuple[int, ...] = LENGTHS, runs: int = RUNS, seed: int = 40
 ) -> Statistics:
-    """Test autocovariance least squares on recordings that fit its model."""
+    """Estimate variances by autocovariance least squares from matching recordings."""
     random = np.random.default_rng(seed)
     factor = _factors(1.0)
     model = trend_model(factor)
@@ -97,7 +97,7 @@ class Drift(NamedTuple):
 
 
 def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
-    """Follow drifting noise and weight by it; directions known."""
+    """Simulate drifting noise, its estimate, and weights by it; directions known."""
     time = np.arange(0.0, seconds, DT)
     true = simulate_motion(time)
     count = len(NODES)
@@ -139,7 +139,7 @@ def simulate_motion(time: FloatArray) -> Replay:
 
 
 def motion_error(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
-    """Return the largest relative error by autocovariances and by contrasts.
+    """Return the largest relative errors of autocovariances and of contrasts.
 
     Five sensors with 0.8 N; the autocovariances are those of the innovations while the
     cable moves one way, averaged over these stretches.

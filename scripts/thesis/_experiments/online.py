@@ -47,7 +47,7 @@ CHUNK_SIZE = 10  # samples between changes of a drifting parameter
 
 
 class Truth(NamedTuple):
-    """A motion, the state of the cable, and the readings of the sensors."""
+    """A motion, the true state of the cable, and the readings of the sensors."""
 
     time: FloatArray  # (samples,) [s]
     u_proximal: FloatArray  # (samples,) [m]
@@ -62,14 +62,14 @@ class Truth(NamedTuple):
 def strokes(
     duration: float, proximal: float = 0.03, distal: float = 0.02
 ) -> FloatArray:
-    """Return the time and displacement of both ends, to and fro, (3, samples)."""
+    """Return time [s] and displacements of both ends [m], (3, samples), to and fro."""
     time = np.arange(0.0, duration, DT)
     wave = -np.sin(2.0 * np.pi * time / PERIOD)
     return np.array([time, proximal * wave, distal * wave])
 
 
 def pulls(duration: float, depth: float) -> FloatArray:
-    """Return the same with the output locked and the motor end pulled and let go."""
+    """Return the arrays of `strokes` for pulls of the motor end, the output locked."""
     time = np.arange(0.0, duration, DT)
     pull = 0.5 * (1.0 - np.cos(2.0 * np.pi * time / PERIOD))
     return np.array([time, -depth * pull, np.zeros_like(time)])
@@ -84,7 +84,7 @@ def simulate(
     factor: FloatArray | float = 1.0,
     noise: float = NOISE,
 ) -> Truth:
-    """Play a motion through a cable of which one parameter drifts by a factor."""
+    """Simulate a motion of a cable whose parameter `drifting` is scaled by `factor`."""
     time, proximal, distal = motion
     n = cable.segments
     factors = np.broadcast_to(np.asarray(factor, dtype=float), time.shape)
@@ -116,13 +116,13 @@ def simulate(
 
 
 def drift(duration: float, rest: float, gain: float) -> FloatArray:
-    """Return a factor 1 for `rest` seconds, then linear to `gain` (samples,)."""
+    """Return a factor (samples,): 1 for `rest` [s], then linear to `gain`."""
     time = np.arange(0.0, duration, DT)
     return np.interp(time, [0.0, rest, duration], [1.0, 1.0, gain])
 
 
 def winding_path(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
-    """Return the cable in a smooth path: 1/R swings about its mean by this share."""
+    """Return the cable in a path whose 1/R varies about its mean by this fraction."""
     x = (np.arange(pieces) + 0.5) / pieces
     curvature = cable.wrap / cable.length * (1.0 + swing * np.cos(2.0 * np.pi * x))
     length = cable.length / pieces
@@ -131,7 +131,7 @@ def winding_path(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
 
 
 class Following(NamedTuple):
-    """Convergence of an estimate to the truth, and how it followed it."""
+    """Convergence and tracking error of an estimate that follows a drifting truth."""
 
     settled: float  # time after which the error stays within 5 % [s]; inf: never
     error: float  # RMS error after that, relative
@@ -142,7 +142,7 @@ class Following(NamedTuple):
 def tracking_statistics(
     time: FloatArray, value: FloatArray, deviation: FloatArray, truth: FloatArray
 ) -> Following:
-    """Measure an estimate (samples,) against the truth (samples,)."""
+    """Compare an estimate and its deviation with the truth, (samples,) each."""
     error = value / truth - 1.0
     outside = np.flatnonzero(~(np.abs(error) <= 0.05))
     start = int(outside[-1]) + 1 if outside.size else 0
@@ -168,7 +168,7 @@ class MassMotion(NamedTuple):
 
 
 def slopes(seed: int = 39) -> MassMotion:
-    """Carry readings along the cable by models of wrong friction."""
+    """Propagate sensor readings along the cable by models of wrong friction."""
     truth = simulate(CABLE, strokes(2.0), seed)
     row = round(0.8 / DT)
     reading, clean = truth.reading[row], truth.tension[row]
@@ -191,7 +191,7 @@ def slopes(seed: int = 39) -> MassMotion:
 
 
 class PrintedLaws(NamedTuple):
-    """The printed law and what it takes to make it work, each at its best gain."""
+    """The printed update law and its corrections, each at its best gain."""
 
     time: FloatArray  # (samples,) [s]
     tracks: dict[str, FloatArray]  # of the laws by name (samples,)
@@ -207,7 +207,7 @@ LAWS: dict[str, dict[str, bool]] = {
 
 
 def laws(duration: float = DRIFT_START, seed: int = 40) -> PrintedLaws:
-    """Run the printed law with the gain that serves it best."""
+    """Run the printed update law and its corrections, each with its best gain."""
     truth = simulate(CABLE, strokes(duration), seed)
     late = truth.time >= duration - 8.0
     tracks, left = {}, {}
@@ -238,7 +238,7 @@ def laws(duration: float = DRIFT_START, seed: int = 40) -> PrintedLaws:
 
 
 def bias() -> float:
-    """Return the relative bias of the printed law, whose line is not the profile."""
+    """Return the relative bias of the printed law, which fits a line to a curve."""
     truth = simulate(CABLE, strokes(2.0), 0, noise=1e-9)
     row = round(0.8 / DT)
     law = parameters.SlopeLaw(CABLE, truth.sensors, 1.0)
@@ -262,7 +262,7 @@ def simulate_wear(duration: float = DRIFT_END, seed: int = 41) -> Truth:
 
 
 def estimate_recursively(truth: Truth) -> EstimateTrack:
-    """Return the friction by least squares from the sensors along the cable."""
+    """Return friction by recursive least squares from sensors along the cable."""
     rate = (FRICTION_DRIFT - 1.0) * CABLE.friction * DT / (truth.time[-1] - DRIFT_START)
     estimator = FrictionEstimator(
         CABLE, truth.sensors, start=INITIAL_GUESS_FACTOR * CABLE.friction,
@@ -272,7 +272,7 @@ def estimate_recursively(truth: Truth) -> EstimateTrack:
 
 
 def estimate_unscented(truth: Truth) -> EstimateTrack:
-    """Estimate friction, stiffness and pretension from the ends and wrong guesses."""
+    """Estimate friction, stiffness and pretension from the ends, from wrong guesses."""
     guess = CABLE.replace(
         friction=INITIAL_GUESS_FACTOR * CABLE.friction,
         axial_stiffness=1.5 * CABLE.axial_stiffness,
@@ -286,7 +286,7 @@ def estimate_unscented(truth: Truth) -> EstimateTrack:
 
 
 class Bends(NamedTuple):
-    """mu/R along a winding cable."""
+    """mu/R at places along a winding cable: truth and estimate."""
 
     truth: FloatArray  # (samples, places) [1/m]
     found: parameters.Bend  # the estimate (samples, places) [1/m]
@@ -327,7 +327,7 @@ def estimate_bends(duration: float = DRIFT_END, seed: int = 42) -> Bends:
 
 
 class Softening(NamedTuple):
-    """EA while it falls."""
+    """Axial stiffness EA while it falls: truth and estimate."""
 
     time: FloatArray  # (samples,) [s]
     truth: FloatArray  # (samples,) [N]
@@ -344,7 +344,7 @@ PULL_DEPTH = 0.012
 
 
 def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening:
-    """Estimate stiffness with locked output, by pulls within the reach of friction."""
+    """Estimate stiffness with locked output, by pulls whose motion ends inside."""
     cable = CABLE.replace(segments=50, pretension=20.0)
     factor = drift(duration, DRIFT_START, STIFFNESS_DRIFT)
     motion = pulls(duration, PULL_DEPTH)

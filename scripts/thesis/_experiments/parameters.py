@@ -51,8 +51,7 @@ def blocked_trial(cable: Cable, seed: int, peak: float = 0.125) -> Measurement:
 def by_slope(trial: Measurement) -> float:
     """Return the stiffness of a cable from the slope of torque over angle [N/m].
 
-    Two cables pull against each other, so the slope is 2 K r^2, if friction is
-    forgotten.
+    Two cables pull against each other, so the slope is 2 K r^2 without friction.
     """
     angle, torque = trial.outputs["motor_angle"], trial.inputs["motor_torque"]
     slope = float(np.polyfit(angle, torque, 1)[0])
@@ -85,7 +84,7 @@ def valley(
 
 
 def run(progress: Progress) -> Outcome:
-    """Fit, determine what cannot be known, and count how often the intervals hold."""
+    """Fit, find unidentifiable parameters, and count how often intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
     fit = calibrate([trial], drive(INITIAL_GUESS), ("friction", "axial_stiffness"))

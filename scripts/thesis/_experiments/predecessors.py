@@ -63,7 +63,7 @@ def motion() -> FloatArray:
 
 
 def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:
-    """Return all models, ours last, with Do's fitted to two seconds of a recording."""
+    """Return all models, the package's last; Do's is fitted to 2 s of a recording."""
     first = slice(0, round(2.0 / DT))
     seen = Answer(*(part[first] for part in recorded))
     return [
@@ -80,7 +80,7 @@ def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:
 def judge(
     model: PublishedModel, proximal: FloatArray, truth: Answer, unit: float
 ) -> _Judged:
-    """Test, compare and time one model; `unit` is the time of our step [s]."""
+    """Test, compare and time a model; `unit` is the time of the kernel's step [s]."""
     answer = model.replay(DT, proximal, SPRING)
     distal = answer.tension_distal - truth.tension_distal
     lost = answer.tension_proximal - truth.tension_proximal - distal

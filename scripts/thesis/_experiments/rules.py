@@ -54,7 +54,7 @@ def pull_both_ends(samples: int) -> tuple[FloatArray, FloatArray]:
 def null_point_error(
     segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES
 ) -> _Opposed:
-    """Measure how the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
+    """Return the effect of rounding the null point to a node (2.1.2, 2.3.2)."""
     ends = pull_both_ends(samples)
     exact = _ends(_played(FINE_SEGMENTS, *ends))
     rows = []
@@ -80,7 +80,7 @@ def _ends(motion: Replay) -> FloatArray:
 
 
 def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
-    """Return the energy that friction takes in every step (samples - 1, n) [J].
+    """Return the energy dissipated in every step and segment, (samples - 1, n) [J].
 
     It is negative where friction pushes along the motion.
     """
@@ -90,7 +90,7 @@ def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 class Static(NamedTuple):
-    """Effect of static friction on the largest proximal tension, against N [N]."""
+    """RMS change of the proximal tension by static friction, for each mesh [N]."""
 
     thesis_solver: FloatArray  # of the thesis's solver, by (2.17)
     kernel: FloatArray  # of the kernel, by the same rule
@@ -98,7 +98,7 @@ class Static(NamedTuple):
 
 
 def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
-    """Return how (2.17) depends on the mesh: RMS change of the proximal tension [N]."""
+    """Return the RMS change of the proximal tension by (2.17) for each mesh [N]."""
     pull = -0.03 * np.sin(np.linspace(0.0, 4.0 * np.pi, 2 * SAMPLES))
     still = np.zeros_like(pull)
     rows = []
@@ -122,8 +122,8 @@ def one_sided_velocity(segments: int = 5, steps: int = 40) -> tuple[float, float
     """Return the energy gained if segments have their proximal node's velocity.
 
     A cable that stretches from a null point inside is pulled at both ends; each step
-    takes the pattern that is consistent by that rule. The second share of all friction
-    work is that with the mean velocity of both nodes.
+    takes the pattern consistent with that rule. The first number is the share of all
+    friction work; the second is that with the mean velocity of both nodes.
     """
     mesh = Mesh.of(CABLE.replace(segments=segments))
     shares = []
@@ -157,7 +157,7 @@ def slack_error(segments: int = 20) -> float:
 
 
 def front_speed(segments: int) -> float:
-    """Return the nodes that the front passes in a step solved once (2.18)."""
+    """Return the nodes that the front advances in a step solved once (2.18)."""
     pull = -0.02 * np.arange(1.0, segments)
     cable = CABLE.replace(segments=segments)
     still = np.zeros_like(pull)
@@ -166,7 +166,7 @@ def front_speed(segments: int) -> float:
 
 
 def distal_rule_as_printed(pulls: FloatArray) -> int:
-    """Count how often (2.17) as printed lets the next node from the distal end move."""
+    """Return how often (2.17) as printed lets the next distal node move."""
     angle = Mesh.of(CABLE.replace(segments=20)).angle[-1]
     return int(np.count_nonzero(1.0 >= pulls * np.exp(angle)))
 

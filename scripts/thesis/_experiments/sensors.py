@@ -31,7 +31,7 @@ LAGS = 20
 
 
 def pulled_state(cable: Cable) -> tuple[Mesh, FloatArray, FloatArray]:
-    """Return segments, gains between nodes and true tensions of a pulling motor."""
+    """Return mesh, gains between nodes and true tensions as the motor pulls."""
     mesh = Mesh.of(cable)
     nodes = np.arange(cable.segments + 1)
     gain = tension_gains(mesh, -np.ones(cable.segments), nodes)
@@ -47,7 +47,7 @@ class Grid(NamedTuple):
 
 
 def error_grid(simulations: int = 10_000, seed: int = 35) -> Grid:
-    """Simulate Fig. 3.5: sensors at random nodes, equally often for each number."""
+    """Simulate Fig. 3.5: numbers of sensors at random nodes, at levels of noise."""
     random = np.random.default_rng(seed)
     _, gain, truth = pulled_state(CABLE)
     to_output = gain[:, -1]
@@ -75,7 +75,7 @@ def error_grid(simulations: int = 10_000, seed: int = 35) -> Grid:
 
 
 def excess_of_mean(cable: Cable) -> float:
-    """Return the output's deviation by the sample mean over that by the best weights.
+    """Return the output's deviation by the plain mean over that by optimal weights.
 
     With a sensor everywhere along a cable of wrap times friction a it is sinh(a)/a.
     """
@@ -121,7 +121,7 @@ def ramps(seed: int = 36) -> _Run:
 
 
 def ljung_box(series: FloatArray, lags: int = LAGS) -> float:
-    """Return the probability that white noise is as correlated as this series."""
+    """Return the p-value of the Ljung-Box test that a series is white noise."""
     from scipy.stats import chi2
 
     centred = series - np.mean(series)

@@ -39,7 +39,7 @@ SLIP_CROSSING_TIME = 0.05
 
 
 def cable(growth: float) -> Cable:
-    """Return the cable of Table 2.2, with the wrap for this tension ratio."""
+    """Return the cable of Table 2.2 with the wrap that gives tension ratio `growth`."""
     length = PRINTED_CABLE.length
     radius = length * PRINTED_CABLE.friction / math.log(growth)
     return PRINTED_CABLE.replace(
@@ -70,7 +70,7 @@ def schemes(device: Drive) -> dict[str, control.Controller]:
 
 
 def desired_tension() -> tuple[FloatArray, FloatArray]:
-    """Return time [s] and a tension [N] whose slope is a sine."""
+    """Return time [s] and desired tension [N] with a sinusoidal slope."""
     time = np.arange(0.0, DURATION, PERIOD)
     return time, 10.0 + time + 2.0 * np.sin(2.0 * time)
 
@@ -86,7 +86,7 @@ class _Tracked(NamedTuple):
 
 
 def track(device: Drive, law: control.Controller) -> _Tracked:
-    """Play the simulation with one scheme, the output drawn in by 10 mm/s."""
+    """Simulate one control scheme while the output is drawn in at 10 mm/s."""
     time, wanted = desired_tension()
     tension = InertiaFree(device).run(law, 0.01 * time, wanted)["joint_torque_nm"]
     share = tension / wanted - 1.0

@@ -53,7 +53,7 @@ class _Columns(NamedTuple):
 
 
 def record(cable: Cable, duration: float = DURATION) -> _Columns:
-    """Let a wearer sweep through the tunnel on a rig with this cable."""
+    """Simulate a wearer who sweeps through the tunnel on a rig with this cable."""
     rng = np.random.default_rng(24)
     motion = trajectory("sweep").sample(duration, DT, rng)
     torque = task("tunnel").torque(motion.angle, motion.velocity, motion.phase)
@@ -71,7 +71,7 @@ def record(cable: Cable, duration: float = DURATION) -> _Columns:
 
 
 class Residual(NamedTuple):
-    """Measured less modelled handle torque, before and after a linear term."""
+    """Measured less modelled handle torque [N m], before and after a linear fit."""
 
     torque: FloatArray  # of the model (samples,) [N m]
     angle: FloatArray  # of the model's motor (samples,) [rad]
@@ -86,7 +86,7 @@ class Residual(NamedTuple):
 
 
 def residual(recording: _Columns, cable: Cable = COULOMB) -> Residual:
-    """Play the recorded inputs through a model (2.4.4)."""
+    """Return the residual of a model driven by recorded inputs (2.4.4)."""
     model = drive(cable).replay(
         DT, motor_torque=recording.motor_torque, joint_angle=recording.handle_angle
     )
@@ -98,7 +98,7 @@ def residual(recording: _Columns, cable: Cable = COULOMB) -> Residual:
 
 
 def refit(recording: _Columns, free: tuple[str, ...], start: Cable) -> Calibration:
-    """Fit terms inside the model instead of to its residual, on the first 6 s."""
+    """Fit parameters inside the model, not to its residual, on the first 6 s."""
     part = slice(0, round(6.0 / DT))
     trial = Measurement(
         dt=DT,

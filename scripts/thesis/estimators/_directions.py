@@ -48,7 +48,7 @@ from thesis._literal_solver import Constraint, Standing, sign_patterns, solve
 
 
 class OwnSolutions(NamedTuple):
-    """Solutions of each sensor on its own."""
+    """The solution of the cable by each sensor alone."""
 
     tension: FloatArray  # of the nodes (..., m, n + 1) [N]
     displacement: FloatArray  # of the nodes (..., m, n + 1) [m]
@@ -62,7 +62,7 @@ class OwnSolutions(NamedTuple):
 def node_displacements(
     mesh: Mesh, pattern: FloatArray, tension: FloatArray, u_proximal: ArrayLike
 ) -> FloatArray:
-    """Return the displacements of the nodes (..., n + 1) from the encoder on (2.12)."""
+    """Return node displacements (..., n + 1) [m], from the encoder on (2.12)."""
     stretch = tension[..., :-1] * mesh.compliance(pattern)
     u = np.empty(tension.shape)
     u[..., 0] = u_proximal
@@ -223,7 +223,7 @@ class Moment(NamedTuple):
 def own_errors(
     mesh: Mesh, moment: Moment, sensors: Sensors, samples: int, seed: int
 ) -> FloatArray:
-    """Return errors (samples, m, n + 1) [N] of solutions from the true state before."""
+    """Return tension errors (samples, m, n + 1) [N] of each sensor's own solution."""
     random = np.random.default_rng(seed)
     nodes = np.array(sensors.nodes)
     noise = random.normal(size=(samples, nodes.size)) * np.array(sensors.deviation)
@@ -322,7 +322,7 @@ class SensorConsensus:
         self._slip_direction = [0.0, 0.0]
 
     def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
-        """Take encoder [m] and sensors (m,) [N]; return the nodes' tensions [N]."""
+        """Return node tensions (n + 1,) [N] by encoder [m] and sensors (m,) [N]."""
         reading = np.asarray(reading, dtype=float)
         slip_direction = float(np.sign(u_proximal - self.displacement[0]))
         proximal, distal = self.last_moving
@@ -492,7 +492,7 @@ class CableObserver:
         return self._model.direction
 
     def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
-        """Take encoder [m] and sensors (m,) [N]; return the nodes' tensions [N]."""
+        """Return node tensions (n + 1,) [N] by encoder [m] and sensors (m,) [N]."""
         reading = np.asarray(reading, dtype=float)
         state = self._ahead @ self._state
         spread = self._ahead @ self._spread @ self._ahead.T + self._drift_variance

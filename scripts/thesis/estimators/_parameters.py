@@ -66,14 +66,14 @@ class SlopeLaw:
         self._slope = centred / float(centred @ centred)
 
     def discrepancy(self, reading: ArrayLike, slip_direction: float) -> float:
-        """Return the difference between the ends, by the model less by the line [N]."""
+        """Return the tension difference of the ends by model less that by line [N]."""
         measured = np.asarray(reading, dtype=float)
         sign = slip_direction * self.friction
         ends = np.exp(-sign * self._before) - np.exp(sign * self._after)
         return float(np.mean(measured * ends)) + float(self._slope @ measured)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
-        """Update as `FrictionEstimator.update` does."""
+        """Return friction after a sample, see `FrictionEstimator.update`."""
         measured, sign = tracks.checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
@@ -150,7 +150,7 @@ class RecursiveLeastSquares:
 
 
 class Bend(NamedTuple):
-    """mu/R at places along the cable."""
+    """Estimate of mu/R at places along the cable [1/m]."""
 
     value: FloatArray  # [1/m]
     deviation: FloatArray  # standard deviation of its error [1/m]
@@ -214,7 +214,7 @@ class BendEstimator(SlopeEstimator):
 
     @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the sensors' readings (m,) [N] and the segments' slip (n,)."""
+        """Use the sensors' readings (m,) [N] and the segments' slip (n,)."""
         self._take(reading, direction)
 
     def at(self, position: ArrayLike) -> Bend:

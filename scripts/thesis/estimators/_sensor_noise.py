@@ -190,7 +190,7 @@ class SensorNoise:
         self._weight = dict.fromkeys(self._contrast, 0.0)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the sensors' readings (m,) [N] and the segments' slip (n,)."""
+        """Use the sensors' readings (m,) [N] and the segments' slip (n,)."""
         sign = np.sign(np.asarray(direction, dtype=float))
         slip_direction = float(sign[0])
         if slip_direction == 0.0 or not np.all(sign == slip_direction):
@@ -204,7 +204,7 @@ class SensorNoise:
 
     @property
     def learnt(self) -> float:
-        """Samples that the estimate rests on, faded ones in part."""
+        """Effective number of samples behind the estimate, old ones discounted."""
         return sum(self._weight.values())
 
     @property

@@ -70,7 +70,7 @@ def sigma_points(mean: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 class Linearization(NamedTuple):
-    """A function near a normal distribution: y = slope x + offset + residual."""
+    """Linear approximation near a normal distribution: slope x + offset + residual."""
 
     slope: FloatArray  # (k, p)
     offset: FloatArray  # (k,)
@@ -78,7 +78,7 @@ class Linearization(NamedTuple):
 
 
 def linearize(points: FloatArray, values: FloatArray) -> Linearization:
-    """Linearize a function statistically by its values (2 p + 1, k) at sigma points."""
+    """Return a statistical linear regression of values (2 p + 1, k) at sigma points."""
     size = points.shape[1]
     # For a normal distribution.
     weight = np.concatenate([[2.0], np.full(2 * size, 0.5 / size)])
@@ -94,7 +94,7 @@ def linearize(points: FloatArray, values: FloatArray) -> Linearization:
 def kalman_gain(
     line: Linearization, covariance: FloatArray, variance: FloatArray
 ) -> FloatArray:
-    """Return the gain of a measurement that is this line and noise, (p, k).
+    """Return the Kalman gain (p, k) of a linearized measurement with noise.
 
     By Woodbury's identity, so that no matrix of the size of the measurement is solved;
     `covariance` is of the state before, `variance` of the noise (k,).
@@ -121,7 +121,7 @@ class History:
         self._origin: float | None = None
 
     def add(self, *sample: float) -> None:
-        """Take displacements and tensions of both ends, the proximal one first."""
+        """Append displacements [m] and tensions [N] of both ends, proximal first."""
         self._rows.append(sample)
         if self._origin is None:
             self._origin = sample[1] - sample[0]

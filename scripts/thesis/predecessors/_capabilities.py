@@ -41,10 +41,10 @@ class Capability(NamedTuple):
 
 
 def front_pull(cable: Cable, tension: float) -> float:
-    """Return the displacement of an end behind whose front its tension is this [m].
+    """Return the end displacement [m] at which its tension is `tension` [N].
 
-    Behind the front the capstan law holds, ahead of it the pretension:
-    u = T0 (e^a - 1 - a) L / (mu theta EA) with e^a = T/T0.
+    Behind the front the capstan law holds, ahead of it the pretension: u = T0 (e^a - 1
+    - a) L / (mu theta EA) with e^a = T/T0.
     """
     a = math.log(tension / cable.pretension)
     per_angle = cable.length / (cable.axial_stiffness * cable.friction * cable.wrap)
@@ -52,19 +52,19 @@ def front_pull(cable: Cable, tension: float) -> float:
 
 
 def onset_pull(cable: Cable) -> float:
-    """Pull of one end that the other first feels [m]."""
+    """Return the displacement of one end at which the other's tension changes [m]."""
     whole = math.exp(cable.friction * cable.wrap)
     return front_pull(cable, whole * cable.pretension)
 
 
 def end_tension(cable: Cable, pull: float) -> float:
-    """Return the tension of an end pulled by this, less than `onset_pull` [N]."""
+    """Return the end tension [N] at a displacement below `onset_pull` [m]."""
     top = cable.pretension * math.exp(cable.friction * cable.wrap)
     return float(brentq(lambda t: front_pull(cable, t) - pull, cable.pretension, top))
 
 
 def ramp(*corners: float, steps: int = 400) -> FloatArray:
-    """Return straight pieces between displacements, from 0 on (samples,) [m]."""
+    """Return displacements (samples,) [m] from 0, linear between `corners`."""
     pieces = [
         np.linspace(a, b, steps + 1)[1:]
         for a, b in zip((0.0, *corners), corners, strict=False)
@@ -73,7 +73,7 @@ def ramp(*corners: float, steps: int = 400) -> FloatArray:
 
 
 def partial_motion(model: PublishedModel) -> Capability:
-    """Test that half of the pull that reaches the output is not felt, twice is."""
+    """Test that half of `onset_pull` leaves the output as it was, twice does not."""
     reach = onset_pull(model.cable)
     answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
     distal = answer.tension_distal - model.cable.pretension
@@ -93,7 +93,7 @@ def both_ends(model: PublishedModel) -> Capability:
 
 
 def other_environment(model: PublishedModel) -> Capability:
-    """Check that only the output feels a wearer's motion at first; the motor rests."""
+    """Test that a wearer's small motion changes the output's tension only."""
     cable = model.cable
     pull = 0.5 * onset_pull(cable)
     answer = model.replay(DT, ramp(0.0), Moved(ramp(pull)))
@@ -109,7 +109,7 @@ def _compare(answer: Answer, right: list[float], cable: Cable) -> Capability:
 
 
 def slack(model: PublishedModel) -> Capability:
-    """Check that a cable pushed in beyond all stretch has no tension, and no less."""
+    """Test that a cable pushed in beyond its stretch has tension 0, not below."""
     cable = model.cable
     give = cable.pretension * cable.length / cable.axial_stiffness
     push = 1.3 * (give + cable.pretension / SPRING.stiffness)
@@ -121,7 +121,7 @@ def slack(model: PublishedModel) -> Capability:
 
 
 def uneven_pretension(model: PublishedModel) -> Capability:
-    """Check that a cable tensioned by pulling keeps that profile, felt at once."""
+    """Test that a cable starts with a given tension profile and keeps it."""
     cable = model.cable
     angle = cable.friction * cable.wrap
     profile = 20.0 * np.exp(-angle * np.linspace(0.0, 1.0, cable.segments + 1))

@@ -1,6 +1,6 @@
-"""Interface of a cable model here: a recorded motion in, both end tensions out.
+"""Interface of a cable model: a recorded motion in, both end tensions out.
 
-    model = Distributed(cable)                     # ours, or one of those before
+    model = Distributed(cable)                     # or a published model
     answer = model.replay(1e-3, u_proximal, EndSpring(stiffness=500.0, preload=10.0))
     answer.tension_proximal, answer.tension_distal
 
@@ -68,7 +68,7 @@ Asked = Literal[
 
 
 class ReplayedMotion(NamedTuple):
-    """A motion that a model is to answer, checked and with its defaults."""
+    """A motion to simulate, checked and with defaults filled in."""
 
     dt: float  # time between samples [s]
     proximal: FloatArray  # displacement of the proximal end (samples,) [m]
@@ -138,7 +138,7 @@ class PublishedModel(ABC):
 
     @abstractmethod
     def answer(self, motion: ReplayedMotion) -> Answer:
-        """Return the answer a motion with nothing in it that the model refuses."""
+        """Return the tensions for a motion without anything that the model refuses."""
 
 
 def _sized(name: str, values: ArrayLike, size: int) -> FloatArray:

@@ -57,7 +57,7 @@ class Controller(ABC):
     """
 
     name = ""
-    """Name in error messages; that of its class where it is empty."""
+    """Name in error messages; if empty, that of its class."""
 
     def __init_subclass__(cls, **given: Any) -> None:
         """Make calls by several threads at once an error, see `exclusive`."""

@@ -39,7 +39,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
-"""Share of the largest damping and gain stable at a given delay that are used."""
+"""Share of the largest stable damping and proportional gain that is used."""
 
 
 class FeedForward(SteppedController):

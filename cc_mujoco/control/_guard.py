@@ -165,7 +165,7 @@ STIFFNESS, REST, FRICTION, SPRING_SIZE = range(4)
 the pretension of all [N m], friction coefficient times wrap; their number."""
 
 MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
-"""Order of readings, and their number."""
+"""Indices of readings, angles [rad], velocities [rad/s], torques [N m]; their count."""
 
 (
     STATE, STARTED,
@@ -190,7 +190,7 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
     SEEN,  # scratch for readings
     MEMORY_SIZE,
 ) = range(_GOOD + READINGS, _GOOD + 7 * READINGS, READINGS)  # fmt: skip
-"""Places in the memory, and its size."""
+"""Places in the memory of the guard, and its size."""
 
 
 class DriveLimits(NamedTuple):

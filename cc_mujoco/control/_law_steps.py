@@ -161,7 +161,7 @@ LAST_COMMAND, GAINS, CABLES = (
 first of the rows of numbers of the cables, if it has a model.
 """
 _CABLE_ROWS = 5 + compensation.SCRATCH_ROWS
-"""Those rows: proximal and distal arm, arm now, direction of slip, gain, scratch."""
+"""Number of these rows: proximal and distal arm, present arm, slip, gain, scratch."""
 
 MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""

@@ -35,7 +35,7 @@ class PackedNetwork(NamedTuple):
 
 
 _ACTIVATION, _SQUASHED, WIDTHS = range(3)
-"""Places of the sizes."""
+"""Places in `PackedNetwork.sizes`."""
 
 
 @dataclass(frozen=True, eq=False)

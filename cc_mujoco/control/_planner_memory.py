@@ -151,7 +151,7 @@ RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
     MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, LAG, RATE, BRISTLES,
     CAUTION_SHARE, SLACK, CREEP, ITERATIONS, STIFFNESS,
 ) = range(guard.LIMITS, len(TUNING) + 1)  # fmt: skip
-"""Their places; the first are those of `DriveGains`."""
+"""Places of the numbers of a tuning; the first are those of `DriveGains`."""
 
 
 class Tables(NamedTuple):

@@ -28,7 +28,7 @@ from cc_mujoco.native import FloatArray, FloatMatrix, internal
 _RATE_TERMS = tuple(
     place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
 )
-"""Parameters of friction that depends on speed."""
+"""Indices of the parameters of friction that depends on speed."""
 
 
 class _Motor(NamedTuple):

@@ -180,7 +180,7 @@ class AdaptiveModel(PredictiveCompensation):
         return kept[:, planner_steps.COEFFICIENT :: size].copy()
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:
-        """Return the measurements (rows, readings), the tensions behind the others.
+        """Return the measurements (rows, readings), the tensions [N] last.
 
         Raises:
             CableError: A tension is no number, or beyond `guard.MAX_READING`; then

@@ -33,7 +33,7 @@ from cc_mujoco.export._joint_torques import JointTorques
 from cc_mujoco.native import FloatArray
 
 EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if stepped_law(kind))
-"""Their names."""
+"""Names of the controllers that can be exported."""
 
 
 @dataclass(frozen=True)

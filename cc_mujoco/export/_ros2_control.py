@@ -22,8 +22,9 @@ _STATES = {
     "winding_velocity_rad_s": ("joints_", "velocity"),
     "joint_torque_nm": ("joints_", "effort"),
 }
-"""State interface of every reading: whose, and which. Only a guard reads what is wound
-without a leverage ratio; the joint's own motion is near enough for it."""
+"""State interface of every reading: owner and name. Motion of a winding without a
+leverage ratio is read by guards only; the joint's own is accurate enough for them.
+"""
 
 
 def require_ros2_states(plan: ExportPlan) -> None:

@@ -14,11 +14,11 @@ state nor force.
 
 A conduit that follows its route takes its bends, at every evaluation, from the path of
 the tendon at that position; like the displacements of the ends they are an input of the
-evaluation and no state. So does the open part of a cable, with the lengths of its
-pieces; as friction depends on what these gain from step to step, those of the committed
-configuration are in `plugin_state`. Its pieces pull by `qfrc_passive`: MuJoCo evaluates
-that before the actuators, so `compute` adds to it when it is called for the actuator,
-once for each time that it was evaluated.
+evaluation and no state. The open part of a cable takes the lengths of its pieces from
+there, too. Friction depends on their growth from step to step, so the committed lengths
+are in `plugin_state`. The pieces pull by `qfrc_passive`. MuJoCo evaluates that before
+the actuators, so `compute` adds to it when called for the actuators, once for each
+evaluation of `qfrc_passive`.
 
 Under RK4 the first stage is evaluated from the committed state, one time step before,
 and is what `advance` commits. The later ones are half, half and one step further on;

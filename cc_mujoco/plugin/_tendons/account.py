@@ -11,7 +11,7 @@ from cc_mujoco.plugin._tendons.burden import Burden, can_push, kind_of
 from cc_mujoco.plugin._tendons.winch import Winch
 
 ENDS = ("proximal", "distal")
-"""Ends of a cable, as its actuators are called behind its name."""
+"""Suffixes of the names of a cable's two actuators."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -41,7 +41,7 @@ from cc_mujoco.plugin._tendons import winch as winching
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
 
 MAX_STIFFNESS = 50e3
-"""Default axial stiffness EA [N] of such cables, if the time step allows for it."""
+"""Default axial stiffness EA of a tendon made a cable [N], if the step allows it."""
 _MAX_STRAIN = 0.2
 """Largest strain under load at which a cable of default stiffness is stable.
 

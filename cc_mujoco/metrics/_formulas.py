@@ -5,13 +5,13 @@ Some are of tests with the joint held: a slow swing of the torque, and a chirp.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco.metrics import _signals as signals
 from cc_mujoco.metrics._metric import (
     Array,
     Key,
@@ -129,9 +129,9 @@ def torque_lag(log: LogLike) -> float:
     thin = slice(None, None, max(1, round(5e-3 / period_of(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
     time, desired, actual = (log[name][thin] for name in names)
-    if not signals.correlation(desired, actual) >= 0.8:
+    if not correlation(desired, actual) >= 0.8:
         return math.nan
-    return signals.signal_lag(time, desired, actual, signed=True)
+    return signal_lag(time, desired, actual, signed=True)
 
 
 def twist_backlash(log: LogLike) -> float:
@@ -146,7 +146,7 @@ def twist_backlash(log: LogLike) -> float:
     if ratio is None:
         return math.nan
     twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]
-    return signals.loop_width(twist, log["joint_torque_nm"])
+    return loop_width(twist, log["joint_torque_nm"])
 
 
 def spring_backlash(log: LogLike) -> float:
@@ -154,9 +154,7 @@ def spring_backlash(log: LogLike) -> float:
     if not log.metadata.get(Key.SPRING):
         return math.nan
     names = ("joint_angle_rad", "joint_torque_nm")
-    return signals.loop_opening(
-        *(signals.moving_mean(log[name], period_of(log)) for name in names)
-    )
+    return loop_opening(*(moving_mean(log[name], period_of(log)) for name in names))
 
 
 def peak_rate(torque: Array, step: float) -> float:
@@ -291,7 +289,7 @@ def ripple(torque: Array, period: float, window: float = 0.05) -> float:
 
 def mean_deviation(torque: Array, period: float, window: float) -> Array:
     """Return a torque minus its moving mean over `window` [s], where that exists."""
-    mean = signals.moving_mean(torque, period, window)
+    mean = moving_mean(torque, period, window)
     first = (torque.size - mean.size) // 2
     deviation: Array = torque[first : first + mean.size] - mean
     return deviation
@@ -319,7 +317,7 @@ def held_backlash(log: LogLike) -> float:
         return math.nan
     twist = ratio * log["motor_angle_rad"][last] - log["joint_angle_rad"][last]
     middle = 0.5 * (torque.max() + torque.min())
-    return signals.loop_width(twist, torque - middle)
+    return loop_width(twist, torque - middle)
 
 
 def bandwidth(log: LogLike) -> float:
@@ -363,3 +361,108 @@ def torque_response(log: LogLike) -> tuple[Array, Array]:
     power = np.add.reduceat(np.abs(wanted) ** 2, places)[:-1]
     gain = np.abs(cross) / power
     return np.sqrt(edges[1:] * edges[:-1]), gain
+
+
+def moving_mean(values: Array, period: float, window: float = 0.05) -> Array:
+    """Return the mean over a full moving window [s] of samples every `period` [s]."""
+    width = min(max(1, round(window / period)), len(values))
+    return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
+
+
+def loop_width(angle: Array, torque: Array) -> float:
+    """Return the width [rad] of a torque-angle loop at zero torque.
+
+    The torque visits zero from when it enters the band of 5 % of its peak until it
+    leaves it, so that chatter inside the band is one visit. Each visit gives the angles
+    at which the torque changes sign (interpolated) or is below 0.1 % of its peak (a
+    dead zone). The width is the range of these angles over all visits: hysteresis and
+    dead zone together. Angles [rad] and torques, in any unit, are (T,); NaN if the
+    torque does not return through zero, so that there is no loop.
+    """
+    peak = float(np.max(np.abs(torque)))
+    if not peak > 0:
+        return math.nan
+    outside = np.flatnonzero(np.abs(torque) > 0.05 * peak)
+    touched: list[float] = []
+    visits = returns = 0
+    for first, last in itertools.pairwise(outside):
+        crosses = torque[first] * torque[last] < 0
+        if last - first == 1 and not crosses:
+            continue
+        part, at = torque[first : last + 1], angle[first : last + 1]
+        here = list(at[np.abs(part) <= 1e-3 * peak])
+        change = np.flatnonzero(part[:-1] * part[1:] < 0)
+        share = part[change] / (part[change] - part[change + 1])
+        here += list(at[change] + share * (at[change + 1] - at[change]))
+        if here:
+            touched += here
+            visits += 1
+            returns += not crosses
+    if visits < 2 and not returns:
+        return math.nan
+    return float(max(touched) - min(touched))
+
+
+def loop_opening(angle: Array, torque: Array) -> float:
+    """Return the angle [rad] between a loop's zero crossings of torque, out and back.
+
+    It is the difference between the mean angle of the torque's sign changes while the
+    angle falls and that while it rises, at least 0. Friction F on a spring k opens the
+    loop by 2 F/k, or by all of the motion if F exceeds the spring's torque.
+    `loop_width` is the range of all crossings instead, which chatter about zero widens.
+    Angles and torques are (T,); NaN if the torque does not cross zero in both
+    directions.
+    """
+    change = np.flatnonzero(torque[:-1] * torque[1:] < 0)
+    share = torque[change] / (torque[change] - torque[change + 1])
+    step = angle[change + 1] - angle[change]
+    at = angle[change] + share * step
+    rising = step > 0
+    if rising.all() or not rising.any():
+        return math.nan
+    return abs(float(np.mean(at[~rising]) - np.mean(at[rising])))
+
+
+def signal_lag(
+    time: Array, desired: Array, actual: Array, *, signed: bool = False
+) -> float:
+    """Return the lag of a signal `actual` (T,) behind the `desired` one [s].
+
+    It is the shift, at most a quarter of the episode and at most 1 s, at which the
+    correlation coefficient peaks, refined by a parabola. Of several peaks within 5 %,
+    as of a periodic signal, it is the nearest to 0. The times (T,) [s] are equally
+    spaced. If `actual` is ahead, the lag is negative when `signed`, else 0. NaN if the
+    largest coefficient is below 0.5 or at the largest shift.
+    """
+    count = len(time)
+    if count < 8:
+        return math.nan
+    step = float(time[-1] - time[0]) / (count - 1)
+    reach = max(1, min(count // 4, round(1.0 / step)))
+    shifts = np.arange(-reach if signed else 0, reach + 1)
+    score = np.array([correlation(desired, actual, k) for k in shifts.tolist()])
+    before = np.concatenate([[-1.0], score[:-1]])
+    rising = score >= before
+    falling = np.concatenate([score[:-1] >= score[1:], [True]])
+    peaks = np.flatnonzero(rising & falling & (score >= 0.95 * score.max()))
+    if peaks.size == 0:
+        return math.nan
+    best = int(peaks[np.argmin(np.abs(shifts[peaks]))])
+    if abs(shifts[best]) == reach or score[best] < 0.5:
+        return math.nan
+    if best == 0:
+        return 0.0
+    left, middle, right = score[best - 1 : best + 2]
+    bend = left - 2 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float((shifts[best] + offset) * step)
+
+
+def correlation(desired: Array, actual: Array, shift: int = 0) -> float:
+    """Return the correlation of `desired` with `actual` `shift` samples later."""
+    ahead, behind = max(shift, 0), max(-shift, 0)
+    one = desired[behind : desired.size - ahead]
+    other = actual[ahead : actual.size - behind]
+    one, other = one - one.mean(), other - other.mean()
+    scale = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 1e-12 else -1.0

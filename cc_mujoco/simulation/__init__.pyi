@@ -1,5 +1,4 @@
 from ._batch import Batch as Batch
-from ._calibration_trial import calibration_trials as calibration_trials
 from ._episode_log import EpisodeLog as EpisodeLog
 from ._episode_log import Recorder as Recorder
 from ._episode_log import log_file as log_file
@@ -8,6 +7,7 @@ from ._loop import Single as Single
 from ._loop import Trace as Trace
 from ._loop import run as run
 from ._rollout import attended as attended
+from ._simulate import calibration_trials as calibration_trials
 from ._simulate import play as play
 from ._simulate import simulate as simulate
 from ._worn_device import WornDevice as WornDevice

@@ -34,6 +34,7 @@ from cc_mujoco.simulation._loop import Columns, Observer, Single, Trace, run
 if TYPE_CHECKING:
     import gymnasium
 
+    from cc_mujoco.control import DistalFeedback, HysteresisTrial
     from cc_mujoco.device import Description, Device, Plant
     from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
@@ -371,3 +372,56 @@ def describe(
     # The plant of an environment has no scene of its own.
     scene = plant.xml() if isinstance(plant.device, Device) and plant.values else ""
     return {**found, MODEL_XML: scene or device.xml()}
+
+
+def calibration_trials(
+    plants: Sequence[str | Path | Device | Plant], duration: float = 12.0
+) -> list[HysteresisTrial]:
+    """Simulate trials that calibrate hysteresis, as on a bench, one for each plant.
+
+    The joint moves slowly in loops of many sizes. On a bench a camera, for example,
+    measures the joint although the device has no sensor there; the simulated trial has
+    the joint angle too. `fit_hysteresis` takes it.
+
+    Args:
+        plants: Plants of one device with one axis, see `simulate`.
+        duration: Length of the trial [s].
+
+    Returns:
+        The trial of each plant.
+
+    Raises:
+        CableError: The device has several axes, its wearer moves the joint, or a
+            plant cannot be simulated.
+    """
+    from cc_mujoco.control import DistalFeedback, HysteresisTrial
+    from cc_mujoco.device import DeviceModel, Plant
+    from cc_mujoco.device._model import joint_range
+    from cc_mujoco.human import Loops, Position
+
+    made = [one if isinstance(one, Plant) else Plant(one) for one in plants]
+    description = made[0].description
+    axis = description.axis()
+    if axis.limb in description.movers:
+        raise CableError(
+            f"a wearer moves joint {axis.limb!r} of {description.scene!r}; hysteresis "
+            "is calibrated where cables and springs alone move the joint."
+        )
+    model = DeviceModel(description, made[0].model())
+    low, high = joint_range(model.model, axis.joint)
+    # The swing is 15 % beyond the reach of the device, and 5 % short of the stops.
+    room = 0.95 * min(high - axis.centre, axis.centre - low)
+    course = Loops(min(1.15 * axis.reach, room), axis.centre)
+    sensing = dataclasses.replace(description.sensing, joint_sensor=True)
+    played: Any = {"trajectory": course, "task": Position(), "duration": duration}
+
+    def uncalibrated(drive: Drive) -> DistalFeedback:
+        # Integral gain of the feedback that leads the joint through the trial [1/s]
+        return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=30.0)
+
+    logs = simulate(made, uncalibrated, sensing=sensing, **played)
+    ratio = model.axes[0].ratio
+    return [
+        HysteresisTrial.of(log["motor_angle_rad"], log["joint_angle_rad"], ratio)
+        for log in logs
+    ]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.cable import Cable, Section, Transmission
-from cc_mujoco.metrics._signals import loop_width
+from cc_mujoco.metrics._formulas import loop_width
 from cc_mujoco.native import FloatArray
 from thesis._outcome import Panel
 

@@ -14,8 +14,13 @@ from hypothesis import strategies as st
 
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.metrics import METRICS, ArrayLog, Metric, expand_cable_metrics, measure
-from cc_mujoco.metrics._formulas import efficiency, twist_backlash
-from cc_mujoco.metrics._signals import loop_opening, loop_width, signal_lag
+from cc_mujoco.metrics._formulas import (
+    efficiency,
+    loop_opening,
+    loop_width,
+    signal_lag,
+    twist_backlash,
+)
 from cc_mujoco.viz._episode_files import EPISODE_METRICS, write_metrics
 
 TIME = np.linspace(0.0, 6.0, 6001)

@@ -23,7 +23,7 @@ import numpy as np
 from cc_mujoco import control
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.device._drive import CableDrive, Drive
-from cc_mujoco.metrics._signals import signal_lag
+from cc_mujoco.metrics._formulas import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._inertia_free import InertiaFree
 from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing, rms

@@ -19,7 +19,7 @@ from scipy.signal import savgol_filter
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
 from cc_mujoco.human import task, trajectory
-from cc_mujoco.metrics._signals import signal_lag
+from cc_mujoco.metrics._formulas import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive

@@ -62,7 +62,7 @@ class CoulombChain(NamedTuple):
 
 @internal
 def hold_against(chain: CoulombChain, s: int, way: int) -> float:
-    """Return H of a segment against motion towards distal (+1) or proximal (-1).
+    """Return the tension ratio H that a segment holds against motion `way` (+1 distal).
 
     A segment that goes on slipping the same way has already broken away.
     """

@@ -201,7 +201,7 @@ class _Prepared:
     def _waves(
         self, angle: FloatArray, by_torque: bool, orders: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted cosines and sines (samples, orders) of an angle."""
+        """Return weighted cosines and sines (samples, orders), times torque or not."""
         size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
         phase = np.outer(angle, orders)
         return np.cos(phase) * size, np.sin(phase) * size
@@ -313,7 +313,7 @@ def _traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace
 
 
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
-    """Return the mean errors of all channels along all axes, best first."""
+    """Return the mean error of each channel along each axis, most explained first."""
     random = np.random.default_rng(seed)
     last = channel_name(list(traces[0].measured)[-1])
     found = []

@@ -368,7 +368,7 @@ def fit_baseline(
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: words.Progress
 ) -> BaselineFit | Diagnosis:
-    """Return the fitted baseline, or a diagnosis that ends here if data are unfit."""
+    """Return the fitted baseline, or a diagnosis if the data or numerics forbid one."""
 
     def refused(statement: str, verdict: Verdict = "fix-data") -> Diagnosis:
         return Diagnosis(verdict, statement, problems=(statement,))

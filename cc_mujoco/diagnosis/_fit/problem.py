@@ -296,8 +296,8 @@ class Problem:
     def corrected(self, x: FloatArray, seen: Sequence[int]) -> Problem:
         """Return `coarse` plus a constant, which has this model's torques at `x`.
 
-        The records `seen` have it. Nearby it is off by the change of the numerical
-        error (defect correction: Stetter, Numerische Mathematik 29, 1978).
+        The constant is of the records `seen`. Near `x` it is off by the change of the
+        numerical error (defect correction: Stetter, Numerische Mathematik 29, 1978).
         """
         rough = self.coarse
         defect = [np.zeros(record.measured.shape) for record in self.plant.records]

@@ -57,7 +57,7 @@ class CataloguedTrial:
 
     @property
     def toml(self) -> tuple[str, ...]:
-        """Lines of its table in `dataset.toml`, without `pretension` and `notes`."""
+        """Lines of the trial in `dataset.toml`, without `pretension` and `notes`."""
         motor, joint = self.known_torques
         lines = {
             "unhooked = true": self.pretension == 0.0,

@@ -352,7 +352,7 @@ class Size:
     plausible: tuple[float, float] = (-math.inf, math.inf)
 
     def described(self) -> EffectParameter:
-        """Return it as an `EffectParameter`, which fits use."""
+        """Return the size as an `EffectParameter`, which fits use."""
         most = 1e4 * abs(self.typical)
         low = -most if self.low is None else self.low
         high = most if self.high is None else self.high
@@ -400,7 +400,7 @@ class Shape:
         return tuple(given.tolist())
 
     def described(self) -> EffectParameter:
-        """Return it as an `EffectParameter`, which fits use."""
+        """Return the shape as an `EffectParameter`, which fits use."""
         values = self.values
         if not values or not all(self.low <= value <= self.high for value in values):
             raise CableError(

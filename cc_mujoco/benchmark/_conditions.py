@@ -206,7 +206,7 @@ class Belief:
         require_parameter(self, "bias", -0.9, 5.0, "")
 
     def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """Return the cable with sampled errors of its parameters, the route true."""
+        """Return the cable with errors sampled from `random`, its route unchanged."""
         friction, stiffness, pretension = (
             self.error * clipped_normal(random) for _ in range(3)
         )

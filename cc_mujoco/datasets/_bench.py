@@ -110,7 +110,7 @@ class Bench:
 
     @property
     def transmission(self) -> Transmission:
-        """The cables on two round pulleys, that of a lever with its arm at 0."""
+        """The cables on two round pulleys; a lever is taken for one of its arm at 0."""
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
 
     @property
@@ -120,7 +120,7 @@ class Bench:
 
     @property
     def tied(self) -> bool:
-        """Return whether a tendon in the open, not a pulley, turns the joint."""
+        """Return whether the joint is turned by a tendon in the open, not a pulley."""
         return self.led in OPEN_PATHS and self.lever is not None
 
     def courses(self, segments: int) -> tuple[CoupledPath, ...]:

@@ -73,7 +73,7 @@ def sort_rows(recording: Recording) -> Recording | None:
 def _row_order(
     recording: Recording, channel: str, time: FloatArray
 ) -> NDArray[np.intp] | slice | None:
-    """Return rows by increasing `time` [s]; None, with a finding, if not possible."""
+    """Return rows by increasing `time` [s]; None, and a finding, if unusable."""
     if (np.diff(time) > 0).all() and np.isfinite(time).all():
         return slice(None)
 
@@ -340,7 +340,7 @@ def _counted_samples(
 
 
 def _gaps(recording: Recording, time: FloatArray, step: float) -> NDArray[np.intp]:
-    """Return the first row after each gap in `time` [s]; report gaps and bunches."""
+    """Return rows after gaps in `time` [s]; report gaps and rows bunched in time."""
     change = np.diff(time)
     gap = change > GAP_FACTOR * step
     if gap.any():

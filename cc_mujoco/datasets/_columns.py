@@ -18,7 +18,7 @@ DATASET_FILE = "dataset.toml"
 
 
 def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return the columns (seconds, nanoseconds) of ROS message stamps, by stem."""
+    """Return (seconds, nanoseconds) columns of ROS time stamps, by the stamp's name."""
     found = {}
     nanoseconds = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
     for name in names:

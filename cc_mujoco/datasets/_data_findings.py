@@ -11,7 +11,7 @@ should settle it before anything else."""
 
 
 class DataFinding(NamedTuple):
-    """Something about the data that its owner should know."""
+    """A problem or remark on the data, in one sentence, with its severity."""
 
     severity: Severity
     statement: str  # one sentence with file and column, and what would be right

@@ -101,7 +101,7 @@ def make_lever(
 ) -> tuple[float, Lever]:
     """Return the moment arm at 0 [m], and the lever while its arm is above 0.2 of that.
 
-    At the scene's `angles` (angles,) [rad] the lever has let out the cable length `let`
+    At the scene's `angles` (angles,) [rad] the lever displaces the cable's end by `let`
     [m], 0 at angle 0, with derivative `arms` [m/rad], which is `arm` at angle 0.
     """
     radius = abs(arm)

@@ -82,7 +82,7 @@ def work_between_samples(time: Array, power: Array) -> Array:
 
 
 def _useful_work(arrived: Array, task_work: Array) -> float:
-    """Return the work that arrived while that of the task was positive, >= 0 [J]."""
+    """Return the work [J] that arrived during positive task work, 0 if that is rare."""
     wanted = task_work > 0
     if not task_work[wanted].sum() > 0.01 * np.abs(task_work).sum():
         return 0.0

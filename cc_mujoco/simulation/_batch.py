@@ -125,7 +125,7 @@ class Simulations:
         self.physics.take(physics_of(data), row)
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance by one sample, see `Worlds`; raises as `roll` does."""
+        """Advance by one sample, see `Worlds.advance`; raises as `roll` does."""
         self.roll(control.shape[1], going, control)
 
     @exclusive

@@ -82,7 +82,7 @@ class CableLine:
         return points
 
     def nodes(self, count: int) -> Array:
-        """Return the index (P,), with fractions, of the one of `count` nodes there."""
+        """Return the node (with fractions) at each point (P,), of `count` nodes."""
         if self.part != CONDUIT:
             node = 0.0 if self.part == MOTOR_END else count - 1.0
             return np.full(len(self.fine), node)

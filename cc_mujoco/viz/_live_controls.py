@@ -4,8 +4,8 @@
     knobs.press(UP)                    # or knobs.slide(0, 1.25)
     knobs.options()                    # {"flexor.friction": 0.2625, ...}
 
-Friction changes at once, pretension at the next start. Controllers are told of neither:
-they keep the values of the scene.
+Friction changes at once, pretension at the next start. Controllers are not informed of
+either: their model keeps the values of the scene.
 """
 
 from __future__ import annotations

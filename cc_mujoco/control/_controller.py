@@ -246,7 +246,7 @@ class LawTables(NamedTuple):
 
 
 def cable_shape(cables: Sequence[CableDrive]) -> tuple[int, ...]:
-    """Return the shape of cables, see `_law_steps`."""
+    """Return numbers of cables, segments and sections, the `shape` of `_law_steps`."""
     segments = [one.cable.segments for one in cables]
     return len(cables), *segments, *(len(one.cable.conduit) for one in cables)
 
@@ -269,7 +269,7 @@ class SteppedLaw:
 
     @property
     def plans(self) -> bool:
-        """True if its step rolls the cables' model out many times."""
+        """True if its step simulates the cables' model many times."""
         return self.gains is TUNING
 
     @property

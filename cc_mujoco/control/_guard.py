@@ -223,7 +223,7 @@ RATIO, LOW, HIGH, PERIOD, LIMITS = 0, 1, 2, 3, len(DriveLimits._fields)
 
 @internal
 def limits_of(gains: FloatArray) -> DriveLimits:
-    """Return the limits of gains that begin with `DriveLimits`."""
+    """Return the first numbers of `gains` as `DriveLimits`."""
     return DriveLimits(
         gains[RATIO], gains[LOW], gains[HIGH], gains[PERIOD], gains[4], gains[5],
         gains[6], gains[7], gains[8], gains[9], gains[10],
@@ -796,7 +796,7 @@ def _swing_limited(own: Guarded, torque: float) -> float:
 
 @compiled
 def bounded(own: Guarded, torque: float) -> float:
-    """Store and return a command that makes no unsafe torque [N m]."""
+    """Limit a torque to a command that is safe; store and return it [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     most = command_limit(limits, spring)
     torque = _swing_limited(own, torque)

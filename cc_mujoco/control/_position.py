@@ -341,7 +341,7 @@ def course_of(
 
 
 def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
-    """Return the `CableParameters` that fit a trial with least squares."""
+    """Return the `CableParameters` that fit a trial by least squares."""
     from scipy.optimize import least_squares
 
     require_cables(drive)

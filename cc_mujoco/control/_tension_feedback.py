@@ -171,7 +171,7 @@ class AdaptiveModel(PredictiveCompensation):
         return self._laid_out(shape, (*own.numbers, self.taps.fading))
 
     def friction(self) -> NDArray[np.float64]:
-        """Return the estimated friction coefficients (rows, cables), if any."""
+        """Return friction coefficients (rows, cables), empty before the first step."""
         cables, size = len(self.drive.cables), planner_steps.ESTIMATE_SIZE
         if not len(self._memory):
             return np.zeros((0, cables))

@@ -413,7 +413,7 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 def explain_tied(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append the end, if any, that is tied to `tendon` by a gear other than 1 or -1."""
+    """Append the end tied to `tendon`, if any, whose gear is not -1 (distal: 1)."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         tied = holding_tendon(model, actuator) == tendon

@@ -375,7 +375,7 @@ def _damping_matrix(
 
 @internal
 def _add_square(rate: float, row: FloatArray, out: FloatArray) -> None:
-    """Add `rate` times the outer square of a row (nv,) to `out` (nv * nv,)."""
+    """Add `rate` row row^T, for a row (nv,), to the matrix `out` (nv * nv,)."""
     nv = row.size
     for i in range(nv):
         for j in range(nv if row[i] != 0.0 else 0):

@@ -1,4 +1,4 @@
-"""Cables out of MJCF and into it.
+"""Cables read from MJCF and written into it.
 
 >>> import mujoco
 >>> from cc_mujoco.plugin import from_mjcf, to_mjcf

@@ -16,16 +16,15 @@ ENDS = ("proximal", "distal")
 
 @dataclasses.dataclass(frozen=True)
 class AddedCables:
-    """Account of cables that a model was given; its text is one line for each change.
+    """Report on cables that a model was given; its text is one line for each change.
 
     Attributes:
         cables: names of the cables; of a tendon with pulleys one for every branch.
         winch: new drive of the proximal ends: the fixed tendon that
             carries what acted on a tendon as a whole, or the joint of a motor; empty
             where there is none, or where `parts` have winches of their own.
-        lines: report on everything that was there, or one line for each of
-            `parts`.
-        parts: the accounts of several tendons, in their order.
+        lines: report on everything that was there, or one line for each of `parts`.
+        parts: the reports on several tendons, in their order.
     """
 
     cables: tuple[str, ...]

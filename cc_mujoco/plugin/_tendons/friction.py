@@ -101,7 +101,7 @@ def add_friction(
             given, since a tendon has none of its own.
         segments: friction elements; by default one for a site and four for a geom.
         guides: guides by the name of a site or geom, `"roller"` where the tendon runs
-            over a roller that takes nothing, or the radius of the guide at a site [m],
+            over a frictionless roller, or the radius of the guide at a site [m],
             over whose arc there is drag per length; Coulomb friction is the same for
             any.
         report: print the turns and losses of the tendons, see `tendon_report`.

@@ -1,4 +1,4 @@
-"""Train policies on a device with Stable-Baselines3, and keep how they learnt.
+"""Train policies on a device with Stable-Baselines3, and keep their learning curves.
 
     pip install 'cc_mujoco[policy]'
     python scripts/train_policy.py --algorithm ppo --seeds 5 --out runs/ppo
@@ -8,12 +8,12 @@
     cc-mujoco benchmark wrist --controllers pi runs/ppo/0.safetensors
 
 A policy drives all motors of a device at once. For every seed `--out` gets the policy
-N.safetensors and its learning curve N.csv: steps, seconds of processor, and the mean
+N.safetensors and its learning curve N.csv: steps, processor time [s], and the mean
 return per second of simulated time of the episodes since the last row, with the noise
-of exploration. All environments draw
-cables, wearer, delay and noise anew in every episode, from ranges that most of the
-benchmark lies in; with --fixed there is one cable, a liner of ordinary friction.
-With --smoothness a change of the action by 1 costs as much.
+of exploration. All environments draw cables, wearer, delay and noise anew in every
+episode, from ranges that cover most of the benchmark; with --fixed there is one cable,
+a liner of ordinary friction. With --smoothness a change of the action by 1 costs as
+much.
 """
 
 from __future__ import annotations

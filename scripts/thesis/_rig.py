@@ -36,7 +36,7 @@ RECONCILED_CABLE = PRINTED_CABLE.replace(friction=0.015, static_friction=0.0)
 
 
 def conduit_in_loops(number: float) -> tuple[Section]:
-    """Return the conduit laid in this many round loops (2.4.3)."""
+    """Return the conduit bent into this number of round loops (2.4.3)."""
     return (Section(LENGTH, LENGTH / (2.0 * math.pi * number)),)
 
 

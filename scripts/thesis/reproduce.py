@@ -96,11 +96,11 @@ def reproduce(
 ) -> list[FinishedExperiment]:
     """Run experiments and write figures, data and the summary table.
 
-    No names are all of `EXPERIMENTS`. Each has its own folder in `out`; the summary of
-    all that are there is `summary.md`. Called are `progress` with the experiment and
-    the share of it that is done, `finished` with every record as it comes, and `say`
-    with a sentence on what an earlier run left, if it left something. Returns one
-    record per name, in the order of `EXPERIMENTS`.
+    Without names all of `EXPERIMENTS` are run. Each has its own folder in `out`;
+    `summary.md` covers all that exist. `progress` is called with an experiment and its
+    fraction done, `finished` with every new record, and `say` with a sentence on
+    results of an earlier run, if there are any. Returns one record per name, in the
+    order of `EXPERIMENTS`.
     """
     wanted = set(names) or set(EXPERIMENTS)
     for name in sorted(wanted):

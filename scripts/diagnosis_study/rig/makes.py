@@ -1,10 +1,10 @@
-"""The makes of rigs, and everything that can be hidden in them, of `effects.toml`.
+"""The makes of rigs, and the effects of `effects.toml` that can be hidden in them.
 
-Makes are other equations, and other sensors, for the same bench.
+A make simulates the same bench by other equations, with other sensors.
 
-An effect has one amount, off at 0, and turns the truth without it into the truth with
-it. What else it needs (phases, signs, places) is drawn from the generator it is given.
-The forms differ on purpose from those a model library would choose first.
+An effect has one amount, off at 0, and turns a rig without it into one with it. Its
+other properties (phases, signs, places) are drawn from a random generator. Its formulas
+differ on purpose from those a model library would choose first.
 """
 
 from __future__ import annotations

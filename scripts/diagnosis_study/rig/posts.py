@@ -1,16 +1,17 @@
 """A tendon over posts in one plane, by closed forms: a rig that shares no code.
 
-From a winch over a post, through an eye and over the knuckle of a finger, as the scene
-`finger` has it: straight pieces and the parts of an arc hold some unstretched length of
-tendon, m, along their length l and have the tension EA (l / m - 1). The knuckle takes
-along what lies on it. Where the tendon is bent it rubs as a capstan,
+It runs from a winch over a post, through an eye and over the knuckle of a finger, as in
+the scene `finger`. Each straight piece, and each part of an arc, holds an unstretched
+length m of tendon along its length l, and has the tension EA (l / m - 1). Tendon on the
+knuckle moves with it.
+At a bend the tendon rubs as on a capstan,
 
     T_high = T_low E + (f l + c l v) (E - 1) / ln E,   E = exp(mu wrap),
 
-with a drag f and a viscosity c per length l of contact. Which bends slip, and which
-way, is tried from how it was: the bend that errs most is put right until none does.
-The winch winds tendon as it is stretched there and gives out what it wound last first;
-below lies tendon at the pretension.
+with a drag f and a viscosity c per length l of contact. The bends that slip, and their
+directions, are searched from those of the step before: the bend with the largest error
+is changed until none has one. The winch winds tendon as stretched as it is, and
+releases the last wound first; the first is at the pretension.
 """
 
 from __future__ import annotations

@@ -425,7 +425,7 @@ def _claim_slopes(found: MassMotion) -> Finding:
 
 
 def claim_law(found: PrintedLaws) -> Finding:
-    """Judge whether the update law of the thesis works, as printed or mended."""
+    """Judge whether the update law of the thesis works, as printed or corrected."""
     left = found.left
     printed, signed, summed, ours = left
     good = left[printed] < 0.25

@@ -51,7 +51,7 @@ class _Judged(NamedTuple):
     cost: float  # time of a step, in units of ours with the same spring
 
     def shows(self, *questions: str) -> bool:
-        """Return whether it can show all of these."""
+        """Return whether the model passes all of these capability tests."""
         return all(self.findings[question].able for question in questions)
 
 

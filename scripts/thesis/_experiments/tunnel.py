@@ -124,7 +124,7 @@ def binned(
 
 
 def run(progress: Progress) -> Outcome:
-    """Record, compare, bin by velocity, then mend the model itself."""
+    """Record, compare, bin by velocity, then add terms to the model itself."""
     recording = record(RIG)
     found = residual(recording)
     progress(0.1)

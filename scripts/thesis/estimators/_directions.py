@@ -156,8 +156,8 @@ def likeliest_pattern(
 def median_last_moving(last_moving: ArrayLike) -> int:
     """Return the median of the sensors' last-moving nodes (footnote 4).
 
-    Of an even number it is the lower one of the middle two, so that it is always what
-    at least one sensor believes.
+    Of an even number it is the lower one of the middle two, so that it is the value of
+    at least one sensor.
     """
     ordered = np.sort(np.asarray(last_moving, dtype=int))
     return int(ordered[(ordered.size - 1) // 2])

@@ -13,3 +13,5 @@ from ._parameter import Parameter as Parameter
 from ._parameter import Term as Term
 from ._pulleys import Driven as Driven
 from ._pulleys import Transmission as Transmission
+from ._sensitivity import Derivatives as Derivatives
+from ._sensitivity import sensitivity as sensitivity

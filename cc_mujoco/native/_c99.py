@@ -53,7 +53,7 @@ from cc_mujoco.native._kinds import (
     tuple_of,
 )  # fmt: skip
 
-_ATOM, UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
+ATOM, UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
     10, 0, -1
 )
 """Ranks of operators; that of a unary one is a cast's, too."""
@@ -108,7 +108,7 @@ class Value:
 
     text: str  # its text
     kind: Kind  # its type
-    rank: int = _ATOM  # precedence of its outermost operator
+    rank: int = ATOM  # precedence of its outermost operator
     number: Any = None  # the number that it spells, None of another
     name: str = ""  # name of a constant, empty of all else
     # Address of the first element of an array that is constant or in memory.
@@ -140,6 +140,8 @@ class Function:
 
 class CLibrary:
     """Set of functions translated to C, each once."""
+
+    is_dual = False  # whether numbers carry a derivative
 
     def __init__(self, known: Mapping[Any, KnownCall], root: Path) -> None:
         """Begin with C functions `known` besides those of Python; `root` of sources."""
@@ -182,7 +184,7 @@ class CLibrary:
         while self._waiting:
             function = self._waiting.pop()
             try:
-                _CWriter(self, function, self._functions[function]).write()
+                self.write(function, self._functions[function])
             except CableError as error:
                 errors.append(str(error))
         if errors:
@@ -192,6 +194,9 @@ class CLibrary:
             if function not in order:
                 self._put(function, order)
         return [self._functions[function] for function in order]
+
+    def write(self, function: types.FunctionType, as_: Function) -> None:
+        FunctionWriter(self, function, as_).write()
 
     def _put(self, function: types.FunctionType, order: dict[Any, bool]) -> None:
         """Order a function behind those that it calls, and collect what they write."""
@@ -235,6 +240,13 @@ class CLibrary:
         self._constants[free] = text
         return free
 
+    def cell(self, found: Any) -> str:
+        """Return an entry of a table."""
+        return literal(found).text
+
+    def zero(self, kind: Kind) -> str:
+        return "0" if isinstance(kind, Scalar) else "{0}"
+
     def table(self, found: np.ndarray[Any, Any], label: str) -> Value:
         element = NUMBERS[found.dtype.type]
         key = found.tobytes(), f"{element.c}{found.shape}"
@@ -242,12 +254,13 @@ class CLibrary:
             taken = {name for name, _ in self._tables.values()}
             names = _names(f"TABLE_{label.lstrip('_').upper()}")
             name = next(each for each in names if each not in taken)
-            cells = ", ".join(literal(each).text for each in found.ravel().tolist())
-            head = f"static const {element.c} {name}[{max(found.size, 1)}]"
+            cells = ", ".join(map(self.cell, found.ravel().tolist()))
+            head = f"static const {self.type(element)} {name}[{max(found.size, 1)}]"
             self._tables[key] = name, f"{head} = {{{cells or 0}}};\n"
         name, kind = self._tables[key][0], Array(element, found.ndim)
         shape = ", ".join(map(str, found.shape))
-        text = f"({short_name(kind)}){{({element.c} *){name}, {shape}}}"
+        start = f"({self.type(element)} *){name}"
+        text = f"({short_name(kind)}){{{start}, {shape}}}"
         return Value(text, kind, table=name)
 
     def text(self) -> str:
@@ -268,7 +281,7 @@ def _names(base: str) -> Iterator[str]:
 
 def literal(found: Any) -> Value:
     if isinstance(found, bool):
-        return Value("true" if found else "false", BOOL, _ATOM, found)
+        return Value("true" if found else "false", BOOL, ATOM, found)
     kind, text = REAL, repr(float(found))
     if isinstance(found, int | np.integer):
         kind, text = INT, str(int(found))
@@ -277,7 +290,7 @@ def literal(found: Any) -> Value:
         text = "NAN"
     elif math.isinf(found):
         text = "INFINITY" if found > 0 else "-INFINITY"
-    return Value(text, kind, UNARY if text[0] == "-" else _ATOM, found)
+    return Value(text, kind, UNARY if text[0] == "-" else ATOM, found)
 
 
 def c_name(name: str) -> str:
@@ -303,7 +316,7 @@ def _wider(a: Kind, b: Kind) -> Kind | None:
 def _dims_of(value: Value) -> list[str]:
     assert isinstance(value.kind, Array)
     return list(value.dims) or [
-        f"{value.at(_ATOM)}.{name}"
+        f"{value.at(ATOM)}.{name}"
         for name in ("n", "columns", "layers")[: value.kind.dims]
     ]
 
@@ -328,7 +341,7 @@ def _variables(node: ast.AST, loops: frozenset[str] = frozenset()) -> Iterator[s
             yield from _variables(child, loops)
 
 
-class _CWriter(Writer):
+class FunctionWriter(Writer):
     def __init__(
         self, library: CLibrary, function: types.FunctionType, as_: Function
     ) -> None:
@@ -359,7 +372,7 @@ class _CWriter(Writer):
         local = [n for n in self._kinds if n in self._variables and n != "_"]
         variables = [
             f"    {self.library.type(self._kinds[n])} {c_name(n)} = "
-            f"{'0' if isinstance(self._kinds[n], Scalar) else '{0}'};"
+            f"{self.library.zero(self._kinds[n])};"
             for n in local
         ]
         unused = [n for n in [*self._arguments, *local] if n not in loaded]
@@ -431,6 +444,13 @@ class _CWriter(Writer):
         )
         return Value(f"({self.library.type(kind)}){{{text}}}", kind)
 
+    def plain(self, value: Value) -> Value:
+        """Return the number by which a value is compared, and decides."""
+        return value
+
+    def _truth(self, node: ast.expr) -> Value:
+        return self.plain(self._scalar(node, "the truth of an array"))
+
     def _scalar(self, node: ast.expr, what: str) -> Value:
         value: Value = self.visit(node)
         if not isinstance(value.kind, Scalar):
@@ -470,7 +490,7 @@ class _CWriter(Writer):
         self.emit("}")
 
     def _begin(self, head: str, node: ast.If | ast.While) -> None:
-        test = self._scalar(node.test, "the truth of an array").text
+        test = self._truth(node.test).text
         self.emit(f"{head} ({test}) {{")
         self.block(node.body)
 
@@ -585,7 +605,8 @@ class _CWriter(Writer):
         kind, place = Array(element, len(sizes)), self._temporary(name)
         self._declare(name, kind, call)
         self._paths.setdefault(name, set()).add("")
-        self._storage.append(f"    {element.c} {place}[{' * '.join(sizes)}];")
+        cell = self.library.type(element)
+        self._storage.append(f"    {cell} {place}[{' * '.join(sizes)}];")
         text = f"({self.library.type(kind)}){{{place}, {', '.join(sizes)}}}"
         self.emit(f"{c_name(name)} = {text};")
         if maker is np.zeros:
@@ -623,7 +644,7 @@ class _CWriter(Writer):
             if not name or not math.isfinite(found):
                 return value
             text = self.library.constant(value.text, name)
-            return replace(value, text=text, rank=_ATOM, name=name)
+            return replace(value, text=text, rank=ATOM, name=name)
         if isinstance(found, np.ndarray) and found.dtype.type in NUMBERS:
             label = "DATA" if isinstance(node, ast.Constant) else ast.unparse(node)
             return self.library.table(found, label.rpartition(".")[2])
@@ -659,10 +680,10 @@ class _CWriter(Writer):
             return self._field(owner, owner.kind, node)
         if isinstance(owner.kind, Structure):
             to = "->" if owner.kind.is_pointer else "."
-            text = f"{owner.at(_ATOM)}{to}{c_name(node.attr)}"
+            text = f"{owner.at(ATOM)}{to}{c_name(node.attr)}"
             return Value(text, owner.kind.kind_of(node.attr))
         if isinstance(owner.kind, Array) and node.attr == "size":
-            rank = _ATOM if owner.kind.dims == 1 else _PRODUCT
+            rank = ATOM if owner.kind.dims == 1 else _PRODUCT
             return Value(" * ".join(_dims_of(owner)), INT, rank)
         raise self.refuse(node, "an attribute")
 
@@ -700,7 +721,7 @@ class _CWriter(Writer):
         kind = _wider(_wide(body.kind), _wide(other.kind))
         if kind is None:
             raise self.refuse(node, "two types")
-        test = self.visit(node.test).at(_CHOICE + 1)
+        test = self._truth(node.test).at(_CHOICE + 1)
         body, other = (self.as_kind(each, kind, node) for each in (body, other))
         text = f"{test} ? {body.at(_CHOICE + 1)} : {other.at(_CHOICE)}"
         return Value(text, kind, _CHOICE)
@@ -708,7 +729,7 @@ class _CWriter(Writer):
     def visit_BoolOp(self, node: ast.BoolOp) -> Value:
         sign, rank = ("&&", _AND) if isinstance(node.op, ast.And) else ("||", _OR)
         # Clear of the warning on `&&` within `||`.
-        texts = [self.visit(each).at(_AND + 1) for each in node.values]
+        texts = [self._truth(each).at(_AND + 1) for each in node.values]
         return Value(f" {sign} ".join(texts), BOOL, rank)
 
     def visit_Compare(self, node: ast.Compare) -> Value:
@@ -722,6 +743,7 @@ class _CWriter(Writer):
                 raise self.refuse(node, "a comparison")
             if REAL in (left.kind, right.kind):
                 left, right = (self.as_kind(e, REAL, node) for e in (left, right))
+            left, right = self.plain(left), self.plain(right)
             sign, least = _COMPARISONS[type(op)], _COMPARE + 1
             parts.append(f"{left.at(least)} {sign} {right.at(least)}")
         return Value(" && ".join(parts), BOOL, _COMPARE if len(parts) == 1 else _AND)
@@ -729,9 +751,12 @@ class _CWriter(Writer):
     def visit_UnaryOp(self, node: ast.UnaryOp) -> Value:
         value = self._scalar(node.operand, "arithmetic of arrays")
         if isinstance(node.op, ast.Not):
-            return Value(f"!{value.at(UNARY)}", BOOL, UNARY)
+            return Value(f"!{self.plain(value).at(UNARY)}", BOOL, UNARY)
         if not isinstance(node.op, ast.USub):
             raise self.refuse(node, "an operator")
+        return self.negative(value)
+
+    def negative(self, value: Value) -> Value:
         kind, text = INT if value.kind == BOOL else _wide(value.kind), value.at(UNARY)
         return Value("-" + (f"({text})" if text[0] == "-" else text), kind, UNARY)
 
@@ -752,6 +777,11 @@ class _CWriter(Writer):
             return Value(f"{name}({left.text}, {right.text})", kind)
         if op not in _OPERATORS:
             raise self.refuse(node, "an operator")
+        return self.operation(op, kind, left, right)
+
+    def operation(
+        self, op: type[ast.operator], kind: Kind, left: Value, right: Value
+    ) -> Value:
         sign, rank = _OPERATORS[op]
         least = rank if rank in (_SUM, _PRODUCT) else UNARY
         return Value(f"{left.at(least)} {sign} {right.at(least + 1)}", kind, rank)
@@ -780,7 +810,7 @@ class _CWriter(Writer):
             return self._element(node, owner, owner.kind)
         if not isinstance(owner.kind, Structure):
             raise self.refuse(node, "an index of a number")
-        parts = [(f"{owner.at(_ATOM)}.{c_name(n)}", k) for n, k in owner.kind.fields]
+        parts = [(f"{owner.at(ATOM)}.{c_name(n)}", k) for n, k in owner.kind.fields]
         if isinstance(place, int):
             return Value(*parts[place])
         known = self.scope.lookup(node.value)
@@ -831,9 +861,9 @@ class _CWriter(Writer):
             text = f"{owner.table} + {size} * ({start or '0'})"
             return Value(text, kind.element, _SUM)
         elif not shape:
-            table = owner.table or f"{owner.at(_ATOM)}.p"
+            table = owner.table or f"{owner.at(ATOM)}.p"
             return Value(f"{table}[{start or '0'}]", kind.element)
-        begin = owner.table if owner.dims else f"{owner.at(_ATOM)}.p"
+        begin = owner.table if owner.dims else f"{owner.at(ATOM)}.p"
         begin += f" + {start}" if start else ""
         return self._view(Array(kind.element, len(shape)), [begin, *shape])
 
@@ -865,7 +895,7 @@ class _CWriter(Writer):
             start = f"({result.element.c} *)(intptr_t){at.at(UNARY)}"
             return self._view(result, [start, *(size.text for size in sizes)])
         first, *sizes = (self.as_kind(value, INT, node) for value in given[1:])
-        start = f"{given[0].at(_ATOM)}.p"
+        start = f"{given[0].at(ATOM)}.p"
         start += "" if first.number == 0 else f" + {first.at(_SUM)}"
         return self._view(result, [start, *(size.text for size in sizes)])
 

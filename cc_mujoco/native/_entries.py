@@ -64,7 +64,9 @@ def _entry(library: CLibrary, function: Function) -> str:
         lines.append(f"    const {library.type(result)} result = {call};")
         places = enumerate(_leaves("result", result))
         lines += [f"    r[{i}].{field} = {leaf};" for i, (field, leaf) in places]
-    format_ = "".join(_format(function, name, kind) for name, kind in kinds.items())
+    format_ = "".join(
+        _format(library, function, name, kind) for name, kind in kinds.items()
+    )
     return "\n".join(
         [
             f"CC_COLD static void call_{function.name}(const Cell *a, Cell *r)",
@@ -87,15 +89,23 @@ def _letter(kind: Kind) -> str:
     return "d" if kind == REAL else "b" if kind == BOOL else "i"
 
 
-def _format(function: Function, name: str, kind: Kind) -> str:
+def _format(library: CLibrary, function: Function, name: str, kind: Kind) -> str:
     if isinstance(kind, Scalar):
         return f"{_letter(kind)}{name} "
     if isinstance(kind, Structure):
-        fields = (_format(function, f"{name}.{f}", each) for f, each in kind.fields)
+        fields = (
+            _format(library, function, f"{name}.{f}", each) for f, each in kind.fields
+        )
         return f"({name} {''.join(fields)})"
     dtype, path = dtype_of(kind.element), ".".join(name.split(".")[:2])
     is_read = function.writes.isdisjoint({path, path.partition(".")[0]})
-    return f"[{dtype.kind}{dtype.itemsize}{kind.dims}{'r' if is_read else 'w'}{name} "
+    dims = kind.dims + _is_dual(library, kind)
+    return f"[{dtype.kind}{dtype.itemsize}{dims}{'r' if is_read else 'w'}{name} "
+
+
+def _is_dual(library: CLibrary, kind: Array) -> bool:
+    """Return whether the last axis of an array is that of value and derivative."""
+    return library.is_dual and kind.element == REAL
 
 
 def _argument(library: CLibrary, kind: Kind, cells: Iterator[int]) -> str:
@@ -103,10 +113,14 @@ def _argument(library: CLibrary, kind: Kind, cells: Iterator[int]) -> str:
         cell = f"a[{next(cells)}].{'d' if kind == REAL else 'i'}"
         if kind == BOOL:
             return f"{cell} != 0"
+        if kind == REAL and library.is_dual:
+            return f"dual({cell})"
         return cell if kind.c in ("double", "int64_t") else f"({kind.c}){cell}"
     if isinstance(kind, Array):
         parts = [f"a[{next(cells)}].p"]
         parts += [f"a[{next(cells)}].i" for _ in range(kind.dims)]
+        if _is_dual(library, kind):
+            next(cells)
     else:
         parts = [_argument(library, each, cells) for _, each in kind.fields]
     return f"({library.type(kind)}){{{', '.join(parts)}}}"

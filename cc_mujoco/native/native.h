@@ -22,9 +22,14 @@
 #define CC_INLINE static inline
 #endif
 
-typedef struct { double *p; int64_t n; } Reals;
-typedef struct { double *p; int64_t n; int64_t columns; } RealMatrix;
-typedef struct { double *p; int64_t n; int64_t columns; int64_t layers; } RealCube;
+#if defined(CC_DUAL) /* a number and its derivative, see `dual.h` */
+typedef struct { double v; double d; } CcReal;
+#else
+typedef double CcReal;
+#endif
+typedef struct { CcReal *p; int64_t n; } Reals;
+typedef struct { CcReal *p; int64_t n; int64_t columns; } RealMatrix;
+typedef struct { CcReal *p; int64_t n; int64_t columns; int64_t layers; } RealCube;
 typedef struct { int64_t *p; int64_t n; } Ints;
 typedef struct { int64_t *p; int64_t n; int64_t columns; } IntMatrix;
 typedef struct { uint8_t *p; int64_t n; } Bytes;
@@ -80,13 +85,14 @@ CC_INLINE double floor_mod_real(double a, double b)
     {                                                                     \
         memmove(a.p, source.p, (size_t)(size) * sizeof(Element));         \
     }
-CC_FILL(Reals, double, a.n)
-CC_FILL(RealMatrix, double, a.n * a.columns)
+CC_FILL(Reals, CcReal, a.n)
+CC_FILL(RealMatrix, CcReal, a.n * a.columns)
 CC_FILL(Ints, int64_t, a.n)
 CC_FILL(Bytes, uint8_t, a.n)
 CC_FILL(Words, uint64_t, a.n)
 #undef CC_FILL
 
+#if !defined(CC_DUAL)
 CC_INLINE int64_t cc_argmin(Reals a)
 {
     int64_t best = 0;
@@ -95,6 +101,7 @@ CC_INLINE int64_t cc_argmin(Reals a)
     }
     return best;
 }
+#endif
 
 CC_INLINE void copy_bytes(int64_t source, int64_t target, int64_t size)
 {

@@ -56,6 +56,7 @@ def test_the_library_has_the_ids_that_verdicts_promise() -> None:
 def test_every_term_of_a_cable_can_be_named() -> None:
     given, rig = (Cable(), Cable()), RigGeometry(0.02, 0.05, math.pi)
     named = {"friction", "static_friction"}  # of the baseline
+    named.add("clearance")  # its torques are those of a cable that stiffens
     # Of the motor's fastener, which is of metal.
     named |= {"proximal_hardening", "proximal_loss"}
     for effect in EFFECTS.values():

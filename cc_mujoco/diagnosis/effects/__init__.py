@@ -31,7 +31,6 @@ EFFECTS: dict[str, Effect] = {
             effect_of_class(kind, rare=True)
             for kind in (
                 _cable_effects.ClampCreep,
-                _cable_effects.Clearance,
                 _cable_effects.SoftAnchor,
                 _drive_effects.DrumWinding,
                 _drive_effects.UpperJointStop,

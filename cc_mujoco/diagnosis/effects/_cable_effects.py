@@ -343,43 +343,6 @@ class ClampCreep:
         return tuple(made)
 
 
-class Clearance:
-    """Clearance of the conduit: slack cable lies at the outer wall of its bends."""
-
-    equation = "path -= c theta T / (T + T_c), stiffness at T_0 as before"
-    source = "geometry of a cable in a wider conduit"
-    where = "conduit"
-    needs = (
-        "like motions at two pretensions, for clearance falls with pretension and play "
-        "does not; and the conduit laid straight, which leaves only the rope's bedding"
-    )
-    confused_with = ("cable_stiffening", "backlash", "end_compliance")
-
-    def parameters(self) -> list[Size | Shape]:
-        taken = "tension at which half of the clearance is taken up"
-        return [
-            Size("clearance", "m", 5e-4, "play of the cable across it", 0.0, 0.01),
-            Shape("seating_tension", "N", [2.0, 5.0, 12.0, 30.0], 0.5, 200.0, taken),
-        ]
-
-    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
-        size, half = values["clearance"], values["seating_tension"]
-        found = []
-        for cable in cables:
-            seated = cable.wrap * half / (cable.pretension + half) ** 2
-            soft = size * seated * cable.axial_stiffness / cable.length
-            # A tenth of the compliance at rest, or more, is not clearance.
-            stiff = cable.axial_stiffness / max(1.0 - soft, 0.1)
-            found.append(
-                cable.replace(
-                    axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
-                    clearance=size,
-                    seating_tension=half,
-                )
-            )
-        return tuple(found)
-
-
 class SoftAnchor:
     """Textile or skin that holds the cables' ends at the joint, with hysteresis."""
 

@@ -63,6 +63,8 @@ def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
 class Camera:
     """Camera that draws poses by OpenGL (`MUJOCO_GL=egl` without a display)."""
 
+    _refusal = ""  # of the first try: MuJoCo ends the process at a second one
+
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         # Its own data, so that looking does not touch the simulation.
@@ -70,13 +72,16 @@ class Camera:
         frame = model.vis.global_
         frame.offheight = max(frame.offheight, IMAGE_SIZE[0])
         frame.offwidth = max(frame.offwidth, IMAGE_SIZE[1])
+        if Camera._refusal:
+            raise CableError(Camera._refusal)
         try:
             self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
         except mujoco.FatalError as error:
-            raise CableError(
+            Camera._refusal = (
                 "a picture needs OpenGL; without a display set MUJOCO_GL=egl (or "
                 f"osmesa) before Python starts ({' '.join(str(error).split())})."
-            ) from None
+            )
+            raise CableError(Camera._refusal) from None
         named = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
         self._view = max(named, 0) if model.ncam else free_view(model, self._data)
 

@@ -20,6 +20,7 @@ import pickle
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from typing import IO, Any
@@ -166,7 +167,16 @@ class _Process:
             self.process.wait()
 
 
+def _end_with_parent() -> None:
+    """End this process once its parent is gone, even if an entry never returns."""
+    parent = os.getppid()
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
 def serve() -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     questions = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     # What the entry prints would be taken for answers.

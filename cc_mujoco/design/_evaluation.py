@@ -397,19 +397,24 @@ def _held_episode(
     its joint without friction, in the direction in which it pulls, in the model of the
     scene. A joint is held by an ideal wearer for its inertia in the neutral pose with
     the others locked or, if that is 1.5 times as large or more, with the others free:
-    at twice its inertia an ideal wearer is at the limit of stability.
+    at twice its inertia an ideal wearer is at the limit of stability. Joints of one
+    limb that move each other are held more softly by the same measure.
     """
     device, step = main.device(model), float(model.opt.timestep)
     drives = device.drives(main.frame_skip * step)
     swings: dict[str, SineTorque] = {}
     chirps: dict[str, ChirpTorque] = {}
     wearers, angles = {}, {}
-    for axis, drive in zip(device.axes, drives, strict=True):
+    dofs = [int(model.joint(axis.axis.limb).dofadr[0]) for axis in device.axes]
+    locked, free = model.dof_M0[dofs], 1.0 / model.dof_invweight0[dofs]
+    held_inertia = np.where(locked < 1.5 * free, locked, free)
+    coupled = _inverse_inertia(model, dofs) * held_inertia
+    worst = float(np.abs(np.linalg.eigvals(coupled)).max())
+    if worst > 1.5:
+        held_inertia = held_inertia / worst
+    for axis, drive, inertia in zip(device.axes, drives, held_inertia, strict=True):
         name, limb = axis.axis.name, axis.axis.limb
-        dof = int(model.joint(limb).dofadr[0])
-        locked, free = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])
-        inertia = locked if locked < 1.5 * free else free
-        wearers[limb] = Wearer.ideal(inertia, step)
+        wearers[limb] = Wearer.ideal(float(inertia), step)
         angles[limb] = axis.axis.centre
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if drive.one_way else (1.0, 0.0)
@@ -419,6 +424,16 @@ def _held_episode(
     still = NoMotion(tuple(angles.items()))
     held = dataclasses.replace(main, trajectory=still, wearer=wearers)
     return held, swings, chirps
+
+
+def _inverse_inertia(model: mujoco.MjModel, dofs: Sequence[int]) -> Array:
+    """Return the accelerations of degrees of freedom by their forces in `qpos0`."""
+    data, forces = mujoco.MjData(model), np.zeros((len(dofs), model.nv))
+    mujoco.mj_forward(model, data)
+    forces[np.arange(len(dofs)), dofs] = 1.0
+    found = np.empty_like(forces)
+    mujoco.mj_solveM(model, data, found, forces)
+    return found[:, dofs]
 
 
 def joints_of_gait(device: Device) -> dict[str, GaitJoint]:

@@ -264,6 +264,52 @@ def test_axes_that_drive_one_joint_are_not_held_apart(lever: Path) -> None:
     assert not {"bandwidth", "held_backlash"} & {*plan.protocol.metrics}
 
 
+ARM = """
+<mujoco>
+  <option timestep="0.0005"/>
+  <extension><plugin plugin="cc_mujoco.cable">
+    <instance name="flexor">
+      <config key="conduit" value="0.8:0.15 0.6:inf 0.6:0.4"/>
+      <config key="axial_stiffness" value="4000"/>
+      <config key="pretension" value="10"/> <config key="friction" value="0.1"/>
+    </instance>
+    <instance name="puller">
+      <config key="conduit" value="0.4:0.15 0.6:inf"/>
+      <config key="axial_stiffness" value="4000"/>
+      <config key="pretension" value="10"/> <config key="friction" value="0.1"/>
+    </instance>
+  </plugin></extension>
+  <worldbody>
+    <body><joint name="motor" armature="1e-4"/><geom size="0.02"/></body>
+    <body pos="0 0.2 0"><joint name="motor2" armature="1e-4"/><geom size="0.02"/></body>
+    <body pos="1 0 0"><joint name="shoulder" stiffness="2" springref="-30"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1"/>
+      <body pos="0.3 0 0"><joint name="elbow" stiffness="2" springref="-30"/>
+        <geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.02" mass="0.5"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="motor" ctrlrange="-1 1"/> <motor joint="motor2" ctrlrange="-1 1"/>
+    <plugin plugin="cc_mujoco.cable" instance="flexor" joint="motor" gear="-0.02"/>
+    <plugin plugin="cc_mujoco.cable" instance="flexor" joint="shoulder" gear="-0.1"/>
+    <plugin plugin="cc_mujoco.cable" instance="puller" joint="motor2" gear="-0.02"/>
+    <plugin plugin="cc_mujoco.cable" instance="puller" joint="elbow" gear="-0.06"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_joints_that_move_each_other_are_held_still(tmp_path: Path) -> None:
+    """An ideal wearer for each joint alone is unstable for an arm of two."""
+    arm = tmp_path / "arm.xml"
+    arm.write_text(ARM)
+    out = tmp_path / "study"
+    study(str(arm), {"friction": [0.05, 0.2]}, duration=1.0, out=out, threads=1)
+    table = read_table(out)
+    assert not any(table["failed"].to_pylist())
+
+
 def test_tasks_and_controllers_are_read_by_axis() -> None:
     device = load_device("exosuit").description
     own = tasks_of_axes(None, device)

@@ -44,10 +44,10 @@ _processes: dict[str, _Process] = {}  # process of every entry that this process
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
-    """Return package versions, and digests of source and user files, of controllers.
+    """Return package versions, and digests of the sources and of controllers' files.
 
-    The controllers were made before; those in processes of their own contribute the
-    files that they loaded there.
+    The controllers were made before. One in a process of its own contributes the files
+    that it loaded there.
     """
     others = [name for name in names if not registry.runs_code(name)]
     found = code_provenance(

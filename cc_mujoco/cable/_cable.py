@@ -298,7 +298,7 @@ class Cable:
 
         Args:
             holds: whether the law holds for a term.
-            why: law that does not hold, as the end of a sentence.
+            why: reason for which such a term must be off; the error ends with it.
 
         Raises:
             CableError: a term is on for which it does not.

@@ -37,7 +37,7 @@ def is_soft(values: FloatArray, end: int) -> bool:
 
 @internal
 def spring_compliance(values: FloatArray, end: int) -> float:
-    """Return the compliance of the spring at an end (0, 1) at no tension [m/N]."""
+    """Return the compliance of an end's spring at no tension [m/N]; 1 is distal."""
     return float(
         values[PLACE.end_compliance if end == 1 else PLACE.proximal_compliance]
     )

@@ -395,7 +395,11 @@ def _fill_missing(own: Guarded, seen: FloatArray) -> None:
 
 @internal
 def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
-    """Replace a reading that no motion explains; stop if the next one is so, too."""
+    """Replace a reading that jumps by its prediction; stop if an angle jumps again.
+
+    A second jump of the torque is accepted. After a jump of an angle both speeds keep
+    their last good values for `quiet_samples`.
+    """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     least = _SET.jump_share * limits.safe_torque
     turn = least / spring[STIFFNESS]
@@ -564,7 +568,12 @@ def _learn(own: Guarded) -> None:
 
 @internal
 def _compare(own: Guarded) -> None:
-    """Stop if two of sensor, stretch torque and motor torque contradict the third."""
+    """Stop if others contradict the torque sensor for `gap_time`; else learn its gain.
+
+    The stretch torque counts if the motor torque agrees with it, or if it explained the
+    sensor before and the motor torque does not object. The motor torque counts alone
+    where the stretch is known not to fit.
+    """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _SET.gap_factor * max(abs(torque), abs(scaled))

@@ -221,7 +221,10 @@ def longest_cable(shape: IntArray) -> int:
 
 @compiled
 def places(shape: IntArray) -> tuple[int, int]:
-    """Return the index of the cables' states in the memory, and of the model's end."""
+    """Return two indices in the memory of a law that has a model of its cables.
+
+    They are where the states of the cables begin, and the first behind the model.
+    """
     cables, most = shape[0], longest_cable(shape)
     of_cable = _CABLE_ROWS + kernel.parameter_size(most)
     states = CABLES + cables * of_cable

@@ -284,7 +284,11 @@ class PredictiveCompensation(SteppedController):
 
     @staticmethod
     def _laid_out(shape: tuple[int, ...], numbers: tuple[float, ...]) -> LawTables:
-        """Return `LawTables` with the indices in the memory for a shape."""
+        """Return the `LawTables` of a shape and its numbers.
+
+        They have the size of the memory, and where the last torques and the states of
+        the cables are in it.
+        """
         given, states, size = planner_steps.places(np.array(shape, np.int64))
         guarded = planner_steps.LAW + planner_memory.GUARD + guard.COMMAND
         return LawTables(shape, numbers, size, (given - 1, guarded), states)

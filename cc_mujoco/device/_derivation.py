@@ -581,7 +581,10 @@ def _lever(scene: _Scene, end: _End, joint: int, keys: Keys) -> tuple[str, ...]:
 
 
 def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
-    """Return the sensors; default noise is 0.2 % of the largest torque or tension."""
+    """Return the sensors as in the file.
+
+    Default noise is 0.2 % of the weakest axis's largest torque [N m] and tension [N].
+    """
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)
     keys = Keys(table, file.sources, "sensors.")

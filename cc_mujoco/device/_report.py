@@ -136,7 +136,7 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
 
 
 def account(device: Device) -> str:
-    """Return lines of text that list derived, assumed and missing properties."""
+    """Return lines of text on the axes, and on what is given, derived or assumed."""
     found = device.description
     model = DeviceModel(found, device.spec.copy().compile())
     axes = f"{len(found.axes)} {'axis' if len(found.axes) == 1 else 'axes'}"

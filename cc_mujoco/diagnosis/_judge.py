@@ -324,7 +324,11 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
 
 
 def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Return the amplitudes (k,), largest 1, whose change tuning imitates best."""
+    """Return factors (k,) on the columns of `changes` whose sum tuning imitates best.
+
+    `changes` is (residuals, k), `tangent` (residuals, t) an orthonormal basis of what
+    tuning can do. The factor that is largest in size is 1.
+    """
     lengths = np.linalg.norm(changes, axis=0)
     lengths[lengths == 0.0] = 1.0
     plain = changes / lengths

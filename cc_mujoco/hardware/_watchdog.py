@@ -138,14 +138,14 @@ class Watch:
         drive: Drive,
         unmeasured: Sequence[str] | None = None,
     ) -> None:
-        """Start before the first cycle.
+        """Prepare the checks, and the cable model that they need, for the first cycle.
 
         `unmeasured` are joints that move the cables but that the rig does not measure;
         by default all but the driven one.
 
         Raises:
-            CableError: Tension is limited, but the model cannot estimate it or starts
-                above the limit.
+            CableError: Tension is limited, and the limit is not above the pretension,
+                or a joint that moves the cables is not measured.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:

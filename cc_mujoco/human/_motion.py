@@ -107,9 +107,10 @@ class Trajectory(ABC):
 
 
 class SampledMotion:
-    """Motion of one episode, sampled in parts, with the bits of `Trajectory.sample`.
+    """Motion of one episode in parts that equal `Trajectory.sample` bit for bit.
 
-    If the trajectory `is_pointwise`, only the part requested last is in memory.
+    If the trajectory `is_pointwise` and the episode has at least `rows` steps, each
+    part is computed on request and not kept; else the whole motion is in memory.
     """
 
     def __init__(

@@ -256,6 +256,6 @@ class ExpectedHelp:
         self._felt, self._count = self._felt * going, self._count * going
 
     def forget(self, worlds: Any) -> None:
-        """Reset the learned torques of `worlds`, an index or a mask, to zero."""
+        """Reset what `worlds`, an index or a mask, have learned or recorded to zero."""
         for table in (self._expected, self._felt, self._count):
             table[worlds] = 0.0

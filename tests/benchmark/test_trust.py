@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -212,3 +213,25 @@ def test_the_key_of_a_run_is_published_in_its_results_alone(
     other = rewritten(file, lambda _, values: values, signed=True, key=new_key())
     with pytest.raises(CableError, match="different secret keys"):
         join_results(read_results(file), read_results(other))
+
+
+ORPHAN = """
+import os, subprocess, sys
+child = "import os, threading; from cc_mujoco.benchmark import _user_entry as own; "
+child += "threading.Thread(target=own._end_with_parent, daemon=True).start(); "
+child += "print(os.getpid(), flush=True)\\nwhile True: pass"
+process = subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE)
+print(process.stdout.readline().decode().strip(), flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_an_entry_that_never_returns_ends_with_its_judge() -> None:
+    judge = [sys.executable, "-c", ORPHAN]
+    child = subprocess.run(judge, capture_output=True, text=True, check=True).stdout
+    place = Path("/proc") / child.strip()
+    until = time.monotonic() + 10.0
+    while place.exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not place.exists()

@@ -515,7 +515,11 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 
 
 def check_alignment(trial: Trial, alone: bool = False) -> Findings:
-    """Return a finding if the joint lags by a delay or a drifting clock."""
+    """Return a finding if the joint comes early or late, or its clock drifts.
+
+    A delay too long to be lost motion is an error, but only a warning if `alone`: the
+    one cable may be slack.
+    """
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))

@@ -23,6 +23,7 @@ from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.device import find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import IDS, DeviceEnv, DeviceVectorEnv, WalkingEnv
+from cc_mujoco.envs._render import Camera
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
     TASKS,
@@ -729,11 +730,18 @@ def test_an_episode_that_is_over_asks_for_a_reset() -> None:
 def test_a_picture_without_opengl_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """MuJoCo ends the process where a second window is tried."""
+    tries = []
+
     def refuse(*_: object) -> None:
+        tries.append(1)
         raise mujoco.FatalError("no OpenGL\ncontext")
 
     monkeypatch.setattr(mujoco, "Renderer", refuse)
-    env = gymnasium.make(WRIST, render_mode="rgb_array")
-    env.reset(seed=0)
-    with pytest.raises(CableError, match="set MUJOCO_GL=egl"):
-        env.render()
+    monkeypatch.setattr(Camera, "_refusal", "")
+    for _ in range(2):
+        env = gymnasium.make(WRIST, render_mode="rgb_array")
+        env.reset(seed=0)
+        with pytest.raises(CableError, match="set MUJOCO_GL=egl"):
+            env.render()
+    assert len(tries) == 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -524,12 +523,20 @@ def controllers_out(found: RankedStudy) -> list[str]:
 
 
 def failure_reasons(found: RankedStudy) -> list[str]:
-    """Return a sentence per reason of failures, the most frequent first."""
-    failed = (str(row["failed"]).rstrip(".") for row in found.rows if row["failed"])
-    counts = Counter(re.sub(r"-?\d[\d.,e+-]*", "…", why) for why in failed)
+    """Return a sentence per reason of failures, the most frequent first.
+
+    Reasons that differ in their numbers are one, with those of the first design.
+    """
+    alike: dict[str, list[str]] = {}
+    for row in found.rows:
+        if row["failed"]:
+            reason = str(row["failed"]).rstrip(".")
+            alike.setdefault(re.sub(r"-?\d[\d.,e+-]*", "", reason), []).append(reason)
     return [
-        f"{many} design{'s' if many > 1 else ''}: {why}."
-        for why, many in counts.most_common()
+        f"{len(same)} designs, the first: {same[0]}."
+        if len(same) > 1
+        else f"1 design: {same[0]}."
+        for same in sorted(alike.values(), key=len, reverse=True)
     ]
 
 

@@ -236,7 +236,7 @@ def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:
     why = ["diverged at 0.125 s (X)", "diverged at 1.5 s (X)", None, "impossible: y"]
     found, _ = finding([None, None, None, None], [None, None, 1.0, None], failed=why)
     text = said(failures(found))
-    assert "2 designs: diverged at … s (X)." in text
+    assert "2 designs, the first: diverged at 0.125 s (X)." in text
     assert "1 design: impossible: y." in text
     assert "1 design ran, but has no rms torque error." in text
 

@@ -166,9 +166,9 @@ def commit(
     node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
-    is_curved = nodes.is_curved(prm)
+    is_curved, is_curved_cable = nodes.is_curved(prm), nodes.is_curved_cable(prm)
     proximal, distal = max(node[0], 0.0), max(node[n], 0.0)
-    if is_curved:
+    if is_curved_cable:
         for i in range(1, n):
             stretched = shift[i] - shift[i - 1]
             node[i] = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
@@ -221,7 +221,8 @@ def commit(
         low = high
     for j in range(0 if is_plain else n):
         high = 0.5 * (tension[j + 1] + node[j + 1])
-        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+        curved = is_curved_cable or (is_curved and j + 1 == n)
+        if curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
             high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
         ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
         lost += (high - low) * shift[j] * ratio

@@ -43,8 +43,8 @@ SCALARS = len(PARAMETERS)
 ) = range(SCALARS, SCALARS + 11)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `_friction.py`, length,
 number of segments inside a conduit, whether the path itself may lengthen, the
-compliance of the supports of the ends [m/N], whether the stiffness of a node depends on
-its tension, and entries 7 and 8 of the state before the step [N]."""
+compliance of the supports of the ends [m/N], which nodes soften as they go slack (see
+`_nodes.curvature`), and entries 7 and 8 of the state before the step [N]."""
 _ROWS_START = SCALARS + 11
 
 STATE_HEADER = 9

@@ -50,7 +50,7 @@ def _cable_per_length(prm: FloatArray) -> elastic.Piece:
 @internal
 def stretch_ratio(prm: FloatArray, tension: float) -> float:
     """Return stretched over unstretched length at a tension [N]; below 1 if slack."""
-    if not nodes.is_curved(prm):
+    if not nodes.is_curved_cable(prm):
         return float(1.0 + tension / prm[PLACE.axial_stiffness])
     return 1.0 + elastic.stretch_of(_cable_per_length(prm), tension)
 
@@ -59,7 +59,7 @@ def stretch_ratio(prm: FloatArray, tension: float) -> float:
 def strain_energy(prm: FloatArray, ratio: float) -> float:
     """Return the elastic energy per unstretched length at a stretch ratio >= 1 [N]."""
     strain = ratio - 1.0
-    if not nodes.is_curved(prm):
+    if not nodes.is_curved_cable(prm):
         return float(0.5 * prm[PLACE.axial_stiffness] * strain * strain)
     unit = _cable_per_length(prm)
     return elastic.energy_at(unit, elastic.tension_of(unit, strain))
@@ -76,7 +76,7 @@ def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
     if prm[at.PATH_LENGTHENS] == 0.0:
         return 1.0
     low, high = max(proximal, 0.0), max(distal, 0.0)
-    if not nodes.is_curved(prm):
+    if not nodes.is_curved_cable(prm):
         return float(1.0 + 0.5 * (low + high) / prm[PLACE.axial_stiffness])
     if abs(high - low) <= 1e-6 * (high + low):
         return stretch_ratio(prm, 0.5 * (low + high))
@@ -216,10 +216,11 @@ def apply_material_law(
 
     `before` (n + 1,) are those before the step [N].
     """
-    ea, straight = prm[PLACE.axial_stiffness], not nodes.is_curved(prm)
+    ea = prm[PLACE.axial_stiffness]
     for i in range(n + 1):
         if after[i] == before[i]:
             continue
+        straight = not nodes.is_curved_node(prm, n, i)
         plain = straight and _spring(prm, n, i) == 0.0
         if plain and before[i] < 0.0:
             after[i] *= ea / (ea - min(after[i], _MAX_NODE_SHARE * ea))

@@ -20,11 +20,23 @@ def is_curved(prm: FloatArray) -> bool:
 
 
 @internal
-def is_curved_by(values: FloatArray) -> bool:
-    """Return whether parameters make the stiffness of a node depend on its tension."""
+def is_curved_cable(prm: FloatArray) -> bool:
+    """Return whether the stiffness of every node depends on its tension."""
+    return float(prm[at.CURVED]) > 1.0
+
+
+@internal
+def is_curved_node(prm: FloatArray, n: int, i: int) -> bool:
+    """Return whether the stiffness of node i depends on its tension."""
+    return is_curved_cable(prm) or (is_curved(prm) and (i == 0 or i == n))
+
+
+@internal
+def curvature(values: FloatArray) -> float:
+    """Return the entry `CURVED` of packed parameters: 2 all nodes, 1 ends, 0 none."""
     if values[PLACE.bedding_strain] > 0.0 or values[PLACE.clearance] > 0.0:
-        return True
-    return is_soft(values, 0) or is_soft(values, 1)
+        return 2.0
+    return 1.0 if is_soft(values, 0) or is_soft(values, 1) else 0.0
 
 
 @internal
@@ -149,7 +161,7 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
 @internal
 def node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
     """Return the stretch of node i at a tension [m]."""
-    if not is_curved(prm):
+    if not is_curved_node(prm, n, i):
         return float(tension * at.node_compliance(prm, n)[i])
     return elastic.stretch_of(node_piece(prm, n, i), tension)
 
@@ -157,7 +169,7 @@ def node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
 @internal
 def tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
     """Return the tension of node i at a stretch [m]."""
-    if not is_curved(prm):
+    if not is_curved_node(prm, n, i):
         return float(stretched * at.node_stiffness(prm, n)[i])
     return elastic.tension_of(node_piece(prm, n, i), stretched)
 
@@ -169,7 +181,7 @@ def tension_after_stretch(
     """Return the tension of node i after it is stretched by `stretched` [m] more."""
     if stretched == 0.0:
         return tension
-    if not is_curved(prm):
+    if not is_curved_node(prm, n, i):
         return float(tension + at.node_stiffness(prm, n)[i] * stretched)
     own = node_piece(prm, n, i)
     return elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
@@ -180,7 +192,7 @@ def stretch_between(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
     """Return the change of the stretch of node i between two tensions [m]."""
-    if not is_curved(prm):
+    if not is_curved_node(prm, n, i):
         return float((after - before) / at.node_stiffness(prm, n)[i])
     own = node_piece(prm, n, i)
     return elastic.stretch_of(own, after) - elastic.stretch_of(own, before)
@@ -195,7 +207,7 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
     low, high = min(before, after), max(before, after)
     if high <= 0.0:
         return 0.0
-    is_straight = not is_curved(prm)
+    is_straight = not is_curved_node(prm, n, i)
     if low >= 0.0 and (is_straight or high - low <= 1e-6 * high):
         return 0.5 * (low + high)
     if is_straight:
@@ -241,7 +253,7 @@ def elastic_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
     stiffness, tension = at.node_stiffness(prm, n), at.tensions(state, n)
     total = 0.0
     for i in range(n + 1):
-        if not is_curved(prm):
+        if not is_curved_node(prm, n, i):
             total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
         else:
             total += elastic.energy_at(piece_now(prm, n, state, i), tension[i])

@@ -28,8 +28,10 @@ def tangent_stiffness(
     """Return the tangent stiffness of the nodes (n + 1,) [N/m], a view of `work`."""
     stiffness = at.node_row(work, n, _LINE_ROW)
     for i in range(n + 1):
-        own = nodes.node_piece(prm, n, i)
-        stiffness[i] = 1.0 / elastic.compliance_at(own, tension[i])
+        stiffness[i] = at.node_stiffness(prm, n)[i]
+        if nodes.is_curved_node(prm, n, i):
+            own = nodes.node_piece(prm, n, i)
+            stiffness[i] = 1.0 / elastic.compliance_at(own, tension[i])
     return stiffness
 
 
@@ -47,7 +49,10 @@ def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -
         tension, compliance, half, growth, chain.hold, chain.slips, drag
     )
     for i in range(n + 1):
-        compliance[i] = elastic.compliance_at(nodes.node_piece(prm, n, i), tension[i])
+        compliance[i] = at.node_compliance(prm, n)[i]
+        if nodes.is_curved_node(prm, n, i):
+            own = nodes.node_piece(prm, n, i)
+            compliance[i] = elastic.compliance_at(own, tension[i])
     if proximal * distal < 0.0:
         for j in range(n):
             mean = 0.5 * (tension[j] + tension[j + 1])
@@ -61,7 +66,7 @@ def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -
             largest = max(largest, node[i])
         settled = True
         for i in range(n + 1):
-            if node[i] == tension[i]:
+            if node[i] == tension[i] or not nodes.is_curved_node(prm, n, i):
                 continue
             own = nodes.node_piece(prm, n, i)
             right = elastic.compliance_between(own, tension[i], node[i])

@@ -86,7 +86,7 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     out[at.BENDS_CHANGE] = out[at.PATH_LENGTHENS] = 0.0
     expect_yielding(out, 0.0, 0.0)
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
-    out[at.CURVED] = 1.0 if nodes.is_curved_by(values) else 0.0
+    out[at.CURVED] = nodes.curvature(values)
     out[at.HELD_PROXIMAL] = out[at.HELD_DISTAL] = 0.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     _update_for_angles(out, n)

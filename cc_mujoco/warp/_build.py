@@ -83,12 +83,12 @@ def known_values(
     # They depend on which terms are on, not on their sizes.
     constant: Any = law.is_constant_coulomb
     dependent: Any = law.is_state_dependent
-    curved: Any = nodes.is_curved_by
+    curved: Any = nodes.curvature
     if constant.py_func(values):
         packed[at.CONSTANT_COULOMB] = 1.0
     if not dependent.py_func(values):
         packed[at.STATE_DEPENDENT] = 0.0
-    if not curved.py_func(values):
+    if curved.py_func(values) == 0.0:
         packed[at.CURVED] = 0.0
     if not yields:
         packed |= {at.YIELD_PROXIMAL: 0.0, at.YIELD_DISTAL: 0.0}

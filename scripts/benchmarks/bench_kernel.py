@@ -27,6 +27,8 @@ TERMS: tuple[dict[str, float], ...] = (
     {"static_friction": 0.25},
     {"end_compliance": 1e-4},
     {"bedding_strain": 2e-3},
+    {"clearance": 5e-4},
+    {"end_compliance": 1e-4, "end_hardening": 0.02, "end_loss": 0.3},
     {"bristle_length": 2e-4},
     {"friction_drift": 0.01},
     {"clamp_creep_distal": 1e-5},

@@ -68,6 +68,26 @@ def test_every_term_of_a_cable_can_be_named() -> None:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_at_0_leaves_cables_with_soft_ends_as_they_are(name: str) -> None:
+    soft = {"compliance": 1e-4, "hardening": 0.02, "loss": 0.2}
+    ends = [
+        (f"{end}_{key}", v) for end in ("end", "proximal") for key, v in soft.items()
+    ]
+    given = (Cable(pretension=10.0, **dict(ends)),) * 2  # type: ignore[arg-type]
+    effect, rig = EFFECTS[name], RigGeometry(0.02, 0.05, math.pi)
+    if effect.cables:
+        off = {
+            parameter.name: 0.0
+            if parameter.linear
+            else effect.starts[0][parameter.name]
+            for parameter in effect.parameters
+        }
+        for cable in effect.cables(given, off, rig):
+            for key, value in ends:
+                assert getattr(cable, key) == value
+
+
+@pytest.mark.parametrize("name", EFFECTS)
 def test_off_is_the_baseline_bit_for_bit_and_on_is_not(
     name: str, plant: SimulatedRig
 ) -> None:

@@ -227,10 +227,13 @@ def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
 
 
 def _set_end_compliances(given: Cables, values: Values, _: RigGeometry) -> Cables:
-    # Ends are fastened one by one.
+    # Ends are fastened one by one, and give more than the scene says.
     sizes = [values.get(name, 0.0) for name in _FITTING_COMPLIANCES]
     return tuple(
-        cable.replace(end_compliance=far, proximal_compliance=near)
+        cable.replace(
+            end_compliance=cable.end_compliance + far,
+            proximal_compliance=cable.proximal_compliance + near,
+        )
         for cable, far, near in zip(given, sizes[:2], sizes[2:], strict=False)
     )
 

@@ -24,33 +24,63 @@ class Limit:
     pretension_deviation = 0.1  # Relative, of a pretension that is not measured
     guessed_pretension_deviation = 1.0  # The same of one estimated from the data
     wind_up = 1e-3  # Turn of a motor over which its friction builds up, at first [rad]
+    # Standard deviation of a torque sensor's offset, over the RMS of its readings. The
+    # offset is bounded by two deviations. A larger one is an effect
+    offset_deviation = 0.01
     ratio_deviation = 0.003  # Relative, of the ratio of two pulleys of nominal size
     coarsening = 8  # Factor by which segments and steps are reduced for differences
     min_segments = 8  # Least segments per cable of a simulation
     min_fitted_friction = 1e-3  # Least coefficient of friction from which a fit starts
     max_fitted_friction = 3.5  # Largest that is fitted; cables take 5, some unbalanced
+    balance_deviation = 0.03  # Relative, of the difference of two cables' friction
+    gain_sigmas = 3.0  # Largest error of a gain over its declared standard deviation
     max_band = 25.0  # Highest frequency compared [Hz]
+    rest_angle_deviation = 0.01  # of a spring, unless it is declared [rad]
     ramp_samples = 20  # Samples of either part of a lead-in, see `records.with_lead_in`
     still_sigmas = 3.0  # Movement that counts as none, in deviations of angle noise
     max_replays = 48  # Replays of a record that are kept, those used last
 
     # Checks of the data.
     min_hold_time = 0.2  # A hold is at least so long [s]
+    min_period_correlation = 0.98  # of a periodic motion with the next period
+    period_tolerance = 0.03  # of its spread by which a motion differs between periods
+    repeat_tolerance = 0.15  # share of its spread by which a repeated motion may differ
     max_shift = 20  # samples between the starts of repeats
+    # Turns beyond which angles are taken for degrees, unless the unit is declared
+    max_joint_turns = 2.0
+    max_motor_turns = 8.0
     beyond_stops = 0.3  # of an angle whose zero is not exact [rad]
+    locked_range = 0.05  # range of an angle that was held fast [rad]
     # A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead
     max_wind_up = 2.0
     max_lead = 1.3
-    inverse = 0.1  # Logarithm by which the inverse of a ratio may be missed
+    impossible_lead = 1.5
+    # Logarithm of a ratio whose inverse is another one, and by which it may be missed
+    unequal = 0.15
+    inverse = 0.1
+    copy_tolerance = 1e-9  # Share of a motion by which an angle is no copy of another
+    min_copied_rows = 100  # Rows in a row that are a copy of others
     min_clip_length = 5  # samples at an extreme that are one clipped stretch
     max_angle_step = 0.5  # turned at most from one sample to the next [rad]
+    overload_ratio = 150.0  # tensions that no scene explains, over its pretension
+    signs_settling_share = 0.1  # of the range after which friction has settled
     sliding_speed_share = 0.3  # of the usual speed from which on the cable slides
+    min_spread_share = 0.2  # of its spread that a torque must show while sliding
+    min_travel = 4.0  # ranges of motion that a power balance needs
     min_angle_correlation = 0.6  # correlation from which on a sign is certain
     min_generated_share = 0.03  # energy gained, as a share of what passes
-    unit_mismatch_ratio = 12.0  # ratio of angles to torques that is wrong
+    large_generated_share = 0.06
+    clear_work_share = 0.2  # energy gained, as a share of the net works
+    signs_min_trials = 3  # trials in which torques cannot oppose each other by chance
+    max_friction_share = 0.6  # of power lost from which on both sides may be driving
+    unit_mismatch_ratio = 12.0  # ratios of angles to torques that are wrong, and right
+    unit_match_ratio = 4.0
     torque_leap_ratio = 300.0  # over torques of other trials, that no load explains
     max_searched_delay = 0.6  # Delays are searched up to this [s]
     max_plausible_delay = 0.15  # Beyond, it is a mistake of the recording [s]
+    timing_min_correlation = 0.8  # correlation from which on a lag counts
+    relevant_drift = 0.03  # change of the delay over a trial that matters [s]
+    min_lead_correlation = 0.6  # Least significant correlation of lead and torque
     # Rise of ln(1 / (1 - R²)) of all trials by a delay that makes it certain
     min_late_gain = 0.1
     # Least ln(1 / (1 - R²)) at that delay: play leads as no torque does
@@ -207,12 +237,20 @@ class Limit:
 
     # Data without a motor angle or without a torque.
     loss_min_blocks = 6  # Blocks of sliding that either direction must have
+    moving_share = 0.05  # of its usual top speed from which on the joint moves
     min_load_spread = 0.1  # Deviation of the load over its mean; below, it is constant
+    min_speed_range = 2.0  # Fast over slow from which a drag can be distinguished
+    min_own_share = 0.1  # of a column that no other has, from which it is fitted
     settled = 0.03  # Relative excess of the loss at which the cable slides
+    max_settling_share = 0.6  # of the usual stroke that may pass before it slides
     min_reversals = 8  # Reversals from which a break-away loss is estimated
+    min_share = 0.02  # Loss, over the usual load, from which it counts
     min_excess = 0.05  # Break-away loss, over that of sliding, from which it counts
+    min_friction_change = 0.1  # Relative, from the scene, that is reported
     max_lag = 0.2  # Largest lag that is fitted [s]
-    # Range of motion, over a first estimate of the play, from which samples count
+    motion_min_samples = 100  # Samples that must count
+    # Range of motion, over a first estimate of the play, from which samples count:
+    # before, where the joint lies within its play is not known
     range_over_play = 3.0
 
     # Report.

@@ -174,7 +174,7 @@ def _compare_trials(original: Trial, trial: Trial) -> Pair | None:
         errors.append(float(np.mean(difference**2)) if len(difference) else math.inf)
     best = times + shifts[int(np.argmin(errors))]
     spread = float(np.std(original.motor_angle[original.segments[0]]))
-    if math.sqrt(min(errors)) > 0.15 * spread:
+    if math.sqrt(min(errors)) > Limit.repeat_tolerance * spread:
         return None
     shared = [name for name in original.channels if name in trial.channels]
     return {name: _channel_difference(original, trial, name, best) for name in shared}
@@ -207,7 +207,7 @@ def period_differences(trial: Trial) -> Iterator[Pair]:
         pair = {n: v[now] - np.interp(now - length, row, v) for n, v in whole.items()}
         # A growing swing correlates with itself, yet it is another motion.
         spread = np.std(trial.motor_angle[part])
-        if np.std(pair[MOTOR_ANGLE]) < 0.03 * spread:
+        if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * spread:
             yield pair
 
 
@@ -224,7 +224,7 @@ def find_period(angle: FloatArray) -> float | None:
     match = shifted[: len(lags)] / np.maximum(scale, 1e-300)
     fallen = np.flatnonzero(match < 0.5)
     peaks = (match[1:-1] >= match[:-2]) & (match[1:-1] > match[2:])
-    high = match[1:-1] > 0.98
+    high = match[1:-1] > Limit.min_period_correlation
     able = np.flatnonzero(peaks & high) + 1
     able = able[able > fallen[0]] if len(fallen) else fallen
     if not len(able):

@@ -102,7 +102,8 @@ def sliding_torque_ratio(
             return 0.0, 0.0
         one, other = (torque[rows] - torque[rows].mean() for torque in (motor, joint))
         pairs = (one, motor), (other, joint)
-        if not all(part.std() > 0.2 * whole.std() for part, whole in pairs):
+        least = Limit.min_spread_share
+        if not all(part.std() > least * whole.std() for part, whole in pairs):
             return 0.0, 0.0
         slopes.append(float(one @ other) / float(other @ other))
         matches.append(_correlation(one, other))
@@ -127,7 +128,7 @@ def _sliding(
     start[turned] = travel[turned]
     since = travel - np.maximum.accumulate(start)
     span = float(np.ptp(np.cumsum(omega) * step))
-    return ways, (since > 0.1 * span) & (np.abs(omega) > slow)
+    return ways, (since > Limit.signs_settling_share * span) & (np.abs(omega) > slow)
 
 
 def _work_per_travel(
@@ -149,7 +150,7 @@ def _work_per_travel(
     passed = np.cumsum(powers, axis=0) * trial.step
     travel = passed[:, 2]
     span = np.ptp(angles[0])
-    if not span > 0.0 or travel[-1] < 4.0 * span:
+    if not span > 0.0 or travel[-1] < Limit.min_travel * span:
         return 0.0, 0.0, math.inf, 1.0
     squares = motor**2, joint**2, motor * joint, omega**2, turn**2
     columns = np.column_stack([travel, *angles, *squares, passed[:, :2]])
@@ -246,12 +247,12 @@ def check_signs(group: Group) -> Findings:
     elif made:
         # A wrong gain of a sensor makes a little power, only a wrong sign much.
         net = abs(m.motor_work) + abs(m.joint_work)
-        large = max(0.06 * m.scale, 0.2 * net)
+        large = max(Limit.large_generated_share * m.scale, Limit.clear_work_share * net)
         certain = torque_correlation < 0.0 or -friction > large
     else:
         # Torques also oppose each other where both sides drive against friction.
-        known = friction < 0.6 * m.scale and math.isfinite(m.doubt)
-        certain = known or len(trials) >= 3  # by no chance
+        known = friction < Limit.max_friction_share * m.scale and math.isfinite(m.doubt)
+        certain = known or len(trials) >= Limit.signs_min_trials
     return [(error if certain else warning)(sentence, _single_trial_name(trials))]
 
 
@@ -320,7 +321,7 @@ def check_units(group: Group) -> Findings:
         "the angle columns are swapped": abs(m.torque_ratio * m.ratio),
     }
     off = sorted((abs(math.log(left)), text) for text, left in mends.items())
-    likely = [text for size, text in off if size < math.log(4.0)]
+    likely = [text for size, text in off if size < math.log(Limit.unit_match_ratio)]
     advice = " or ".join(likely[:2]).format(**_labels(trials[0]))
     sentence = (
         f"{_files(trials)}: the joint turns {m.ratio:.3g} rad per motor radian, but "
@@ -501,7 +502,7 @@ def _delay_and_drift(
 def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | None:
     """Return the lag [s] of the correlation peak nearest to `expected`, if close."""
     peaks = np.flatnonzero((match[1:-1] >= match[:-2]) & (match[1:-1] >= match[2:])) + 1
-    peaks = peaks[match[peaks] > 0.8]
+    peaks = peaks[match[peaks] > Limit.timing_min_correlation]
     if not len(peaks):
         return None
     lags = (peaks - len(match) // 2) * step
@@ -527,7 +528,7 @@ def check_alignment(trial: Trial, alone: bool = False) -> Findings:
     certain = abs(a.drift) > 6.0 * a.doubt and a.drift_gain > 2e-3
     finding = error
     late = f"{1e3 * abs(a.delay):.3g} ms {'after' if a.delay > 0.0 else 'before'}"
-    if certain and abs(grown) > max(0.03, 5.0 * trial.step):  # [s]
+    if certain and abs(grown) > max(Limit.relevant_drift, 5.0 * trial.step):
         message = (
             f"the delay of {joint} after {motor} changes by {1e3 * grown:.3g} ms "
             f"within the trial ({1e6 * a.drift:.0f} ppm), so they run on two clocks; "
@@ -563,7 +564,7 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
     if len(bench.cables) > 1:  # slack lets either side move by itself
         late = _late_channel(hooked, bench, JOINT_ANGLE, MOTOR_ANGLE)
     leads = [(trial, _lead_correlation(trial, bench)) for trial in hooked]
-    sure = [each for each in leads if abs(each[1]) > 0.6]
+    sure = [each for each in leads if abs(each[1]) > Limit.min_lead_correlation]
     torques = _late_channel(hooked, bench, MOTOR_TORQUE)
     torques += _late_channel(hooked, bench, JOINT_TORQUE)
     # A torque that is late in all trials opposes the lead in some.

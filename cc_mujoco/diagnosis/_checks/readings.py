@@ -97,7 +97,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
         f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
-    far = several and ratio_error > 1.5  # nothing puts the joint so far ahead
+    far = several and ratio_error > Limit.impossible_lead
     impossible = far or not 0.25 < ratio_error < 4.0
     return [(error if impossible else warning)(message, trial.name)]
 
@@ -131,7 +131,7 @@ def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> F
 
     A soft cable may do so at a ratio below 1, unless all trials or the torques agree.
     """
-    if abs(math.log(ratio)) < 0.15:  # no other ratio than its inverse
+    if abs(math.log(ratio)) < Limit.unequal:
         return []
 
     def inverse(found: float) -> bool:
@@ -231,7 +231,7 @@ def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
             continue
         tension = float(np.sqrt(np.nanmean(torque**2))) / radius
         share = tension / max(taut, 1.0)
-        if share > 150.0:  # no scene explains
+        if share > Limit.overload_ratio:
             message = (
                 f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
                 f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
@@ -243,7 +243,7 @@ def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
 def _check_locked(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
     channel = _ANGLES.get(facts.locked or "", "")
     values = recording.values.get(channel, np.zeros(0))
-    if (moved := _robust_range(values)) > 0.05:  # [rad]
+    if (moved := _robust_range(values)) > Limit.locked_range:
         message = (
             f"{recording.column(channel)} moves by {moved:.3g} rad, though "
             f"locked = {facts.locked!r} says that it was held fast."
@@ -305,7 +305,8 @@ def _check_clipping(recording: Recording, alone: bool) -> Iterator[DataFinding]:
 
 
 def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:
-    for channel, most in ((channels.JOINT_ANGLE, 2.0), (channels.MOTOR_ANGLE, 8.0)):
+    turns_of = (Limit.max_joint_turns, Limit.max_motor_turns)
+    for channel, most in zip(channels.ANGLES[::-1], turns_of, strict=True):
         values = recording.values.get(channel, np.zeros(0))
         turns = _robust_range(values) / math.tau
         if turns <= most:
@@ -394,7 +395,7 @@ def _check_copied_rows(recording: Recording) -> Iterator[DataFinding]:
     edges = np.flatnonzero(np.diff(shift, prepend=-1, append=-1))
     lengths = np.diff(edges) * (shift[edges[:-1]] > 0)
     longest = int(np.argmax(lengths)) if lengths.size else 0
-    if not lengths.size or lengths[longest] < 100:  # rows
+    if not lengths.size or lengths[longest] < Limit.min_copied_rows:
         return
     start, end = int(edges[longest]), int(edges[longest + 1])
     before, time = start - int(shift[start]), recording.values[channels.TIME]
@@ -457,4 +458,4 @@ def _is_copy(one: FloatArray, other: FloatArray) -> bool:
         return False
     gain, offset = np.polyfit(one, other, 1)
     left = float(np.max(np.abs(other - gain * one - offset)))
-    return left < 1e-9 * float(np.ptp(other))
+    return left < Limit.copy_tolerance * float(np.ptp(other))

@@ -122,7 +122,7 @@ def strokes_of(
     """
     speed = velocity(angle, step)
     top = float(np.percentile(np.abs(speed), 95))
-    moves = np.abs(speed) > max(0.05 * top, 5.0 * speed_noise)
+    moves = np.abs(speed) > max(Limit.moving_share * top, 5.0 * speed_noise)
     acceleration = velocity(speed, step)
     sign = np.where(moves, np.sign(speed), 0.0)
     moving = np.flatnonzero(moves)
@@ -203,10 +203,10 @@ def _distinguished(columns: FloatArray) -> NDArray[np.int_]:
         if _own_share(columns, column, active) > Limit.min_load_spread**2:
             active.append(column)
     speeds = np.percentile(np.abs(columns[:, DRAG]), [10, 90])
-    if speeds[1] < 2.0 * speeds[0]:
+    if speeds[1] < Limit.min_speed_range * speeds[0]:
         columns = columns * (np.arange(6) != DRAG)
     for column in (DRAG, INERTIA):
-        if _own_share(columns, column, active) > 0.1:
+        if _own_share(columns, column, active) > Limit.min_own_share:
             active.append(column)
     return np.array(sorted(active))
 
@@ -250,7 +250,7 @@ def fit_loss(
         blocks = _blocks(strokes, settling)
         signs = np.array([each.sign for each in blocks])
         few = int(min(np.sum(signs == way) for way in (1.0, -1.0)))
-        if few < Limit.loss_min_blocks or settling > 0.6 * usual:
+        if few < Limit.loss_min_blocks or settling > Limit.max_settling_share * usual:
             return LossFit(
                 {},
                 refused=f"strokes of {usual:.2g} rad are too short or too few for the "
@@ -582,7 +582,7 @@ def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, 
 
 def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
     """Return the groups of effects that cause a loss beyond the scene's friction."""
-    values, least = found.values, 0.02 * found.load
+    values, least = found.values, Limit.min_share * found.load
     ties = []
     loss = values.get("load_independent_loss")
     if loss and loss.ci95[0] - found.scene["load_independent_loss"] > least:
@@ -607,7 +607,7 @@ def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
     low, high = (each / cable.wrap for each in exponent.ci95)
     tuned = Estimate(exponent.value / cable.wrap, "1", (low, high))
     off = abs(tuned.value - given)
-    if tuned.holds(given) or off < 0.1 * given:
+    if tuned.holds(given) or off < Limit.min_friction_change * given:
         return ()
     statement = (
         f"friction is {format_estimate(tuned)} with the wrap of the scene, where "

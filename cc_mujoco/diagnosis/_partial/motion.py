@@ -73,7 +73,7 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
     stretches = _stretches(dataset, bench)
     start = _start(stretches)
     stretches = [_counted(each, start[0]) for each in stretches]
-    if sum(int(each.counts.sum()) for each in stretches) < 100:
+    if sum(int(each.counts.sum()) for each in stretches) < Limit.motion_min_samples:
         raise CableError(
             f"in {dataset.path or 'these trials'} the motor moves less than "
             f"{Limit.range_over_play:g} times the dead zone of the joint, about "

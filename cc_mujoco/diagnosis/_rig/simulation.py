@@ -181,7 +181,7 @@ def available_effects(plant: SimulatedRig) -> Library:
             declared[name] = "zeroed = true leaves drifts"
         if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
             known = constants["gain_uncertainty"].value
-            most = 3.0 * known
+            most = Limit.gain_sigmas * known
             declared[name] = f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
         if not math.isnan(most):
             kept = tuple(each._replace(plausible=(-most, most)) for each in kept)
@@ -332,7 +332,7 @@ def baseline_parameters(
     tautest = math.log(0.9 * _LARGEST["pretension"] / tension) / known
     found.append(_known("pretension", cable.pretension, known, high=min(10.0, tautest)))
     for k in sensors:
-        size = max(0.01 * rms[k], 1e-6)  # of an offset; a larger one is an effect
+        size = max(Limit.offset_deviation * rms[k], 1e-6)
         found.append(_known(TORQUE_OFFSETS[k], 0.0, size, -2.0, 2.0))
     late = [TORQUE_DELAYS[k] for k in sensors]
     if not bench.ends_held:
@@ -340,7 +340,7 @@ def baseline_parameters(
         late = ["clock_offset", *late]
     found += [Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5) for name in late]
     if len(bench.cables) == 2:
-        found.append(_known("friction_balance", 0.0, 0.03))  # relative
+        found.append(_known("friction_balance", 0.0, Limit.balance_deviation))
     # A stiff cable shows the least error of the ratio, so one pulley is always
     # uncertain. Where the path is the arm at the joint it is the motor's.
     uncertain = "" if bench.ends_held else "motor" if bench.tied else "joint"
@@ -361,7 +361,7 @@ def baseline_parameters(
                 found.append(_known(name, load.value, load.uncertainty / load.value))
         if "load_stiffness" in constants:
             rest = constants.get("load_rest_angle", Constant(0.0))
-            scale = rest.uncertainty or 0.01  # [rad]
+            scale = rest.uncertainty or Limit.rest_angle_deviation
             found.append(_known("load_rest_angle", rest.value, scale))
     found += change_parameters(found, records, bench)
     return tuple(found)

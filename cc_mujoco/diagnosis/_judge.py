@@ -187,7 +187,7 @@ def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
     width = max(1, round(0.1 / dt))
     local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
     near = slice(max(0, middle - 5 * width), middle + 5 * width)
-    least = max(0.03 * float(local[near].max()), smallest)
+    least = max(Limit.edge_share * float(local[near].max()), smallest)
     large = np.flatnonzero(local > min(least, float(local[near].max()) * 0.999))
     gaps = np.flatnonzero(np.diff(large) > 1.0 / dt)  # of a second
     starts = large[np.concatenate([[0], gaps + 1])]

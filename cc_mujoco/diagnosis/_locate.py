@@ -119,7 +119,7 @@ class _Prepared:
         self._root = root = np.sqrt(samples.weight)
         plain = samples.error * root
         middle = float(np.median(np.abs(plain)))
-        usual = 3.0 * middle / Limit.normal_median  # larger errors count no more
+        usual = Limit.clip_sigmas * middle / Limit.normal_median
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
         parts = [_smooth_functions(samples, angle) for angle in samples.angles.values()]
@@ -143,7 +143,7 @@ class _Prepared:
         moving = speed[speed > 0.05 * speed.max()]  # rests and turns left out
         fastest = math.tau * self._samples.band / max(float(np.median(moving)), 1e-9)
         step = math.tau / span / Limit.order_oversampling
-        first, last = 0.5 * math.tau / span, min(250.0, fastest)  # periods per turn
+        first, last = 0.5 * math.tau / span, min(Limit.max_order, fastest)
         orders: FloatArray = np.arange(first, last, step)
         least = 2 * Limit.order_oversampling * (Limit.min_background_orders + 1)
         return orders if orders.size >= least else np.zeros(0)
@@ -490,7 +490,7 @@ def error_samples(
     records = problem.plant.records
     parts, first = [], 0
     for trace, record, floor in zip(seen, records, problem.floor, strict=True):
-        thin = max(1, int(1.0 / (record.dt * 2.5 * record.band)))  # 2.5 a period
+        thin = max(1, int(1.0 / (record.dt * Limit.samples_per_period * record.band)))
         kept = np.flatnonzero(trace.counts > 0.0)[::thin]
         if not kept.size:
             continue

@@ -34,13 +34,25 @@ class Limit:
     max_fitted_friction = 3.5  # Largest that is fitted; cables take 5, some unbalanced
     balance_deviation = 0.03  # Relative, of the difference of two cables' friction
     gain_sigmas = 3.0  # Largest error of a gain over its declared standard deviation
+    weight_share = 0.5  # Force of a weight in place of a cable over the pretension
     max_band = 25.0  # Highest frequency compared [Hz]
     rest_angle_deviation = 0.01  # of a spring, unless it is declared [rad]
+    max_motion_band = 60.0  # Highest frequency of the angles that are played [Hz]
+    min_kept_rate = 250.0  # Least samples per second kept
     ramp_samples = 20  # Samples of either part of a lead-in, see `records.with_lead_in`
+    run_in_travel = 3.0  # Travel before samples count, over that which winds up
     still_sigmas = 3.0  # Movement that counts as none, in deviations of angle noise
+    moving_threshold = 1.5  # Distance of an angle followed either way, over the play
+    turn_level = 0.3  # Height over the play within which a turn has its level
+    records_rest_speed_share = 0.03  # of its usual top speed below which a motor rests
+    # Friction times wrap from which on no motion carries the whole cable along
+    max_friction_wrap = 100.0
+    min_record_samples = 50  # Least samples of a stretch that is used
     max_replays = 48  # Replays of a record that are kept, those used last
 
     # Checks of the data.
+    reversal_share = 0.02  # of the range by which a motion comes back at a reversal
+    noise_rest_speed_share = 0.02  # of the usual top speed below which nothing moves
     min_hold_time = 0.2  # A hold is at least so long [s]
     min_period_correlation = 0.98  # of a periodic motion with the next period
     period_tolerance = 0.03  # of its spread by which a motion differs between periods
@@ -79,6 +91,8 @@ class Limit:
     max_searched_delay = 0.6  # Delays are searched up to this [s]
     max_plausible_delay = 0.15  # Beyond, it is a mistake of the recording [s]
     timing_min_correlation = 0.8  # correlation from which on a lag counts
+    max_drift = 0.02  # drifts searched [s/s], and their steps over a trial [s]
+    drift_resolution = 0.01
     relevant_drift = 0.03  # change of the delay over a trial that matters [s]
     min_lead_correlation = 0.6  # Least significant correlation of lead and torque
     # Rise of ln(1 / (1 - R²)) of all trials by a delay that makes it certain
@@ -89,7 +103,9 @@ class Limit:
     min_own_gain = 0.7
     min_own_fit = 2.0
     min_own_lag = 0.3
-    explained = 0.02  # Least share of the reference that is not explained
+    # Share of a torque that the other need not determine; share that is not explained
+    collinear = 1e-3
+    explained = 0.02
 
     # Fit of the baseline, noise floor and intervals.
     max_numerical_error = 0.35  # Harmless RMS change by a finer simulation, in floors
@@ -101,13 +117,24 @@ class Limit:
     min_draw_share = 0.95  # of draws with a gap, so that its closing has an interval
     min_counted_samples = 100  # Samples that must count
     huber_delta = 3.0  # Deviations beyond which errors count less than their squares
+    # Change of a parameter over which derivatives hold: of its logarithm, in scales
+    valid_log_change = 0.05
+    valid_change = 0.3
+    min_change = 0.1  # Least change, over that, along which they can be seen to change
+    max_missed_share = 0.3  # of a change's square beyond that before they are retaken
+    # Most evaluations of a fit: where the baseline moved far to make up for a missing
+    # effect, the way back along a flat valley takes twenty
+    fitting_max_evaluations = 30
     relative_tolerance = 1e-3  # Share of the cost by which a fit goes on
+    cost_tolerance = 5e-3  # of the cost of a reported fit: a tenth of a deviation
     record_pieces = 12  # Stretches of a record that are held out in turn
     held_share = 0.1  # Motion of a held angle, over the largest in any trial
     trial_folds = 3  # Parts of the trials held out; fewer trials are split in time
     max_log_factor = 7.0  # Logarithm of the largest factor of an interval in proportion
+    undetermined_deviation = 1.0  # in units of priors; beyond, the data say less
     new = 1e-3  # Part of a signature's length below which nothing of it is left
     least = 3  # Trials that show their disagreement; of fewer their pieces do
+    min_variance_share = 1e-9  # Least reduction of a variance by a part that informs
     noise_draws = 6  # Simulations with resampled angles
     min_floor_share = 1e-3  # Least floor, over the RMS of the channel
     visible_ratio = 3.0  # Size over its standard error where an occasion could show it
@@ -124,6 +151,7 @@ class Limit:
     # Derivative near 0 over the mean one to the typical size beyond which there is
     # none; it is 24 for a square root and 1e-3 for a square
     max_slope_ratio = 15.0
+    rounding = 1e-9  # Relative change of torques that another way of solving makes
     prerequisites_min_correlation = 0.8  # of torques that differ in size only
     max_torque_factor = 1.3  # by which a scene may be off, and a unit still shows
     # Squared error over that in another unit, below which other values explain it
@@ -135,6 +163,7 @@ class Limit:
     error_scale = 0.1  # Error that counts as one, over the deviation of the readings
     # Mean squared error, over `error_scale`, up to which estimates are accepted
     max_mean_square = 9.0
+    start_values_settling_share = 0.1  # of the travel after which samples count
     start_values_min_samples = 50  # of thinned records; of fewer nothing is estimated
     # RMS error of a second over the noise that effect-free rigs stay below: 6.6 at
     # most. Of eleven rigs of three makes with quick, slow and restful motions
@@ -144,6 +173,7 @@ class Limit:
     # which takes any value from -1 to 1 at rest. Ten effect-free recordings, of 0.15 to
     # 0.5 N m that build up over 1 to 20 mrad, reach 1.3 in a second, 0.9 in a trial
     friction_swing = 2.0
+    edge_share = 0.03  # Error at the edges of a stretch over its largest
     max_idle_share = 0.1  # Torque of a cable that transmits nothing, over the simulated
     trend_false_alarm_rate = 1e-2  # over all trends that are tested
     min_trend_trials = 4  # Trials from which on a trend can be tested
@@ -220,19 +250,25 @@ class Limit:
     min_constant_share = 0.5  # Least share of a constant that is reported
     min_constant_sigmas = 5.0  # Least size of such a constant over its standard error
     location_min_blocks = 4  # Stretches of a second from which on one is looked for
+    samples_per_period = 2.5  # of the highest frequency of the errors
     # Probability that data without any period show one, over all orders that are tried
     false_alarm_rate = 1e-3
     min_error_share = 0.05  # on samples to which a period was not fitted
     min_periods = 3.0  # within the range; fewer are a smooth function of the angle
+    max_order = 250.0  # Highest order [periods per turn]
     order_oversampling = 4  # Orders tried per order that the range resolves
     background_orders = 10  # on either side by which the spectrum there is known
     min_background_orders = 2  # Least resolved orders on a side by which it is known
+    clip_sigmas = 3.0  # Deviations beyond which an error counts no more than this
     decision_sigmas = 3.0  # by which one amplitude has to fit better than the other
 
     # Proposed trials.
     decisive_sigmas = 5.0  # Difference, over noise and form, that settles a tie
     min_motion_correlation = 0.9  # with a motion from which on a trial is one of it
+    default_torque_noise = 0.005  # where none is declared, over the RMS
+    default_angle_noise = 1e-4  # where none is declared [rad]
     max_slack = 0.05  # Share of a trial in which a lone cable may be slack
+    default_reach = 0.8  # Angle of the motor to either side without a limit [rad]
     default_speed = 3.0  # Default of the motor's largest speed [rad/s]
 
     # Data without a motor angle or without a torque.
@@ -242,6 +278,7 @@ class Limit:
     min_speed_range = 2.0  # Fast over slow from which a drag can be distinguished
     min_own_share = 0.1  # of a column that no other has, from which it is fitted
     settled = 0.03  # Relative excess of the loss at which the cable slides
+    settling_margin = 1.5  # Travel that does not count, over that to `settled`
     max_settling_share = 0.6  # of the usual stroke that may pass before it slides
     min_reversals = 8  # Reversals from which a break-away loss is estimated
     min_share = 0.02  # Loss, over the usual load, from which it counts
@@ -259,8 +296,11 @@ class Limit:
     min_visible_size = 1.0  # Size over noise below which an effect is too small
     # Width of every figure [inch]: text can be read where the page is 390 px wide
     figure_width = 4.8
+    concentrated_share = 0.5  # of the error that the worst trials make together
+    sufficient_share = 0.8  # of the error of an effect that suffices by itself
 
     # Repaired scene.
     probe_inertia = 1e-6  # of the body whose torque measures an acceleration [kg m^2]
+    no_input = 16  # `ctrlspec` of `input="none"`, which adds no element to `ctrl`
     rehearsal_swing = 0.3  # of the joint in the rehearsal [rad]
     drive_armature = 1e8  # Armature that makes a joint go where it is driven [kg m^2]

@@ -33,7 +33,7 @@ def find_holds(trial: Trial) -> list[slice]:
             continue
         speed = np.abs(velocity(angle, trial.step, trial.segments))
         with np.errstate(invalid="ignore"):
-            still &= speed <= 0.02 * np.nanpercentile(speed, 95)
+            still &= speed <= Limit.noise_rest_speed_share * np.nanpercentile(speed, 95)
     found = []
     for part in trial.segments:
         edges = np.flatnonzero(np.diff(still[part], prepend=False, append=False))
@@ -353,7 +353,7 @@ def excitation(dataset: Dataset) -> Excitation:
 
 
 def count_reversals(angle: FloatArray) -> int:
-    band = 0.02 * float(np.ptp(angle)) if len(angle) else 0.0
+    band = Limit.reversal_share * float(np.ptp(angle)) if len(angle) else 0.0
     if not band > 0.0:
         return 0
     # Only the extremes between which the angle changes by more than the band count.

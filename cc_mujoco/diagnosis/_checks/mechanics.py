@@ -483,8 +483,8 @@ def _delay_and_drift(
     best, found = -math.inf, (0.0, 0.0)
     span, most = float(np.ptp(times)), 0.0
     if span > 0.0:
-        most = min(0.02, 2.0 * Limit.max_searched_delay / span)  # [s/s]
-    ways = max(1, int(most * span / 0.01))  # steps of 10 ms over the trial
+        most = min(Limit.max_drift, 2.0 * Limit.max_searched_delay / span)
+    ways = max(1, int(most * span / Limit.drift_resolution))
     for drift in np.linspace(-most, most, 2 * ways + 1):
         shift = np.round(drift * times / step).astype(int)[:, None]
         lags = np.arange(width)[None, :] + shift
@@ -667,7 +667,7 @@ def _fits_by_lag(
     scale = np.sqrt(sizes[1] * np.maximum(sizes[[0, 2]], 1e-300))
     own, between = along / scale[:, None]
     beside = still / math.sqrt(max(sizes[0] * sizes[2], 1e-300))
-    left = 1.0 - between**2 + 1e-3  # of collinear torques neither is determined
+    left = 1.0 - between**2 + Limit.collinear
     first, second = (own - beside * between) / left, (beside - own * between) / left
     alone = np.where(first > 0.0, np.maximum(own, 0.0), max(beside, 0.0)) ** 2
     both = (first > 0.0) & (second > 0.0)

@@ -122,7 +122,7 @@ def _thin_record(record: Record) -> Record:
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
-    settled = travel > 0.1 * travel[-1]
+    settled = travel > Limit.start_values_settling_share * travel[-1]
     counts = settled & (record.split != "test")
     return replace(
         record,
@@ -456,7 +456,7 @@ def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> 
     """Check one effect; return whether a typical size of it changes a torque."""
     shows, plain = False, plant.simulate(values)
     every = np.concatenate([torque.ravel() for torque in plain])
-    least = 1e-9 * float(np.linalg.norm(every))  # rounding of another way of solving
+    least = Limit.rounding * float(np.linalg.norm(every))
 
     def changes(given: Mapping[str, float]) -> list[FloatArray]:
         with_it = plant.simulate(given, (effect.id,))

@@ -219,8 +219,8 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     known = least_squares.covariance(whole[: whole.shape[0] - priors])
-    # Beyond a deviation of the priors the data say less than these.
-    for shares in least_squares.undetermined_directions(known, 1.0):
+    limit = Limit.undetermined_deviation
+    for shares in least_squares.undetermined_directions(known, limit):
         pairs = zip(problem.names, shares, strict=True)
         parts = [name for name, share in pairs if abs(share) > 0.3]
         text = " hardly changes the outputs; its value is a guess."
@@ -334,7 +334,7 @@ def disagreement(
         joint = -shares @ whole @ shares.T
         joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)
-        counted = size > 1e-9 * whole[k, k]  # parts that inform
+        counted = size > Limit.min_variance_share * whole[k, k]
         if np.sum(counted) < 2:
             continue
         deviation = np.sqrt(size[counted])

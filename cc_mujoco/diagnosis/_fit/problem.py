@@ -56,12 +56,12 @@ class _Tangent:
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
         """Update the slopes by the torque simulated at `x`; return False if invalid."""
         moved = (x - self.place) / reach
-        if np.max(np.abs(moved)) < 0.1:  # too little to see a change of the slopes
+        if np.max(np.abs(moved)) < Limit.min_change:
             return True
         change = torque - self.torque
         missed = change - np.tensordot(x - self.place, self.slopes, 1)
         far = np.max(np.abs(x - self.taken) / reach) > 1.0
-        if far and np.sum(missed**2) > 0.3 * np.sum(change**2):
+        if far and np.sum(missed**2) > Limit.max_missed_share * np.sum(change**2):
             return False
         along = moved / reach / (moved @ moved)
         self.slopes += along[:, None, None] * missed
@@ -116,9 +116,9 @@ class TorqueDerivatives:
         reach = np.full(x.size, np.inf)
         for k, tuned in enumerate(problem.tuned):
             if inner[k]:
-                reach[k] = 0.3  # in scales; of a logarithm, 5 %
+                reach[k] = Limit.valid_change
                 if tuned.factor:
-                    reach[k] = min(0.05 / tuned.scale, 3.0)
+                    reach[k] = min(Limit.valid_log_change / tuned.scale, 3.0)
         gone = []
         for p, (record, torque) in enumerate(pairs):
             tangent = self._kept[record]
@@ -438,7 +438,7 @@ def fit(
     problem: Problem,
     start: FloatArray,
     masks: Masks,
-    evaluations: int = 30,  # along a flat valley the way back takes twenty
+    evaluations: int = Limit.fitting_max_evaluations,
     tolerance: float = Limit.relative_tolerance,
 ) -> Fit:
     """Fit least squares within bounds to the masked samples, from the place `start`.
@@ -483,7 +483,7 @@ def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
     Along a flat valley a relative change of a thousandth may be several deviations.
     """
     found = fit(problem, start, masks)
-    least = 5e-3  # of the cost: a tenth of a deviation
+    least = Limit.cost_tolerance
     tolerance = min(Limit.relative_tolerance, least / max(found.cost, least))
     return fit(problem, found.x, masks, tolerance=tolerance)
 

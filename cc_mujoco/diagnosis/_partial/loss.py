@@ -417,7 +417,7 @@ class _Profile(NamedTuple):
         settled = np.abs(ratio) < np.maximum(Limit.settled, 2.0 * error)
         for place in range(_TRAVEL_BINS - 2):
             if settled[place : place + 3].all():
-                return 1.5 * float(self.edges[place])  # to be sure
+                return Limit.settling_margin * float(self.edges[place])
         return usual
 
 

@@ -199,7 +199,7 @@ def motions(
             "joint against a spring, chirp from 0.1 to 3 Hz", chirp, free(give * chirp)
         ),
     ]
-    force = 0.5 * cable.pretension  # of a weight in place of the cable
+    force = Limit.weight_share * cable.pretension
     sensors = ("torque sensor", "motor current"), ("torque sensor",)
     radii = bench.motor_radius, bench.joint_radius
     able = [kind in own for kind, own in zip(instruments, sensors, strict=True)]

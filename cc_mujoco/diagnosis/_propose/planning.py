@@ -127,7 +127,7 @@ def planned(
     sizes = {}
     whole = np.concatenate(torques, axis=1)
     for name, row in zip(instruments.channels, whole, strict=True):
-        sizes[name] = 0.005 * float(np.std(row))  # where none is declared
+        sizes[name] = Limit.default_torque_noise * float(np.std(row))
         if name in noise:
             sizes[name] = noise[name].deviation
     floor: tuple[FloatArray, ...] = ()
@@ -161,7 +161,7 @@ def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
     random, size, angles = np.random.default_rng(0), record.time.size, []
     known = (MOTOR_ANGLE, record.motor_angle), (JOINT_ANGLE, record.joint_angle)
     for name, angle in known:
-        deviation = 1e-4  # where none is declared [rad]
+        deviation = Limit.default_angle_noise
         if name in noise:
             deviation = noise[name].deviation
         # Slow enough to pass the filters, and to strain a cable that sticks.
@@ -376,7 +376,7 @@ def _reach(bench: Bench, speed: float) -> float:
     """Return the motor's default largest angle to either side, within 1 s [rad]."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else _half_range(bench)
-        return min(0.8, half)
+        return min(Limit.default_reach, half)
     ends = bench.centre + bench.reach * np.array([-1.0, 0.0, 1.0])
     sides = np.abs(np.diff(bench.following(ends)))
     return min(float(sides.min()), speed)

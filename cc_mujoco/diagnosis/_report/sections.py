@@ -31,6 +31,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._report import drawings
 from cc_mujoco.diagnosis._report.drawings import Excerpt
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import (
@@ -120,7 +121,7 @@ def _which_trials(diagnosis: Diagnosis) -> str:
     worst = ranked[: min(3, len(ranked) // 2)]
     words = list_words([f"{name} ({format_share(share)})" for name, share in worst])
     together = sum(share for _, share in worst)
-    where = "Mostly" if together >= 0.5 else "All of them; most"
+    where = "Mostly" if together >= Limit.concentrated_share else "All of them; most"
     return f"{where} in {words}; in brackets the share of the squared error."
 
 
@@ -506,7 +507,7 @@ def _candidate_text(runner: RunnerUp, diagnosis: Diagnosis) -> Sequence[str | Ht
     named = any(runner.id == found.id for found in diagnosis.effects)
     tied = any(runner.id in group for group in diagnosis.ties)
     outcome = "helps" if runner.accepted else "not accepted"
-    if runner.accepted and runner.reduction > 0.8:
+    if runner.accepted and runner.reduction > Limit.sufficient_share:
         outcome = "would do by itself"
     if runner.accepted and (named or tied):
         outcome = "tied" if tied else "added"

@@ -227,7 +227,7 @@ class Filtering:
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
     """Return the records of a dataset, in order, and the filters applied to them."""
     first, slowest = dataset.trials[0], min(trial.rate for trial in dataset.trials)
-    bands = compared_band(slowest), min(60.0, 0.4 * slowest)  # torques, angles [Hz]
+    bands = compared_band(slowest), min(Limit.max_motion_band, 0.4 * slowest)
     impulse = np.zeros(4001)
     impulse[2000] = 1.0
     passed = [float(np.sum(low_pass(impulse, band, first.rate) ** 2)) for band in bands]
@@ -245,7 +245,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     conditions = _conditions(dataset.trials)
     for trial in dataset.trials:
         for part in trial.segments:
-            if part.stop - part.start >= 50:  # samples
+            if part.stop - part.start >= Limit.min_record_samples:
                 record = _record(trial, part, dataset, bench, filtering)
                 records.append(replace(record, conditions=conditions[trial.name]))
     return tuple(records), filtering
@@ -273,7 +273,7 @@ def _record(
 ) -> Record:
     noise, known, facts = dataset.noise, dataset.instruments, trial.facts
     tilt = facts.tilt or 0.0
-    thin = max(1, int(trial.rate / 250.0 + 1e-9))  # so many are kept a second
+    thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
     played = (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
     seen = ((trial.channel(name)[part], noise.get(name)) for name in played)
     angles = np.array([reconstruct_angle(values, own) for values, own in seen])
@@ -299,14 +299,14 @@ def _record(
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
     run_in = 0.0
     if not facts.unhooked:
-        run_in = 3.0 * wind_up_angle(bench)
+        run_in = Limit.run_in_travel * wind_up_angle(bench)
     counts = (travel >= run_in) & (time - time[0] > 0.1)
     # Without samples on both sides the filter differs between the signals.
     edge = max(2, round(0.5 / filtering.band / dt))
     if known.motor == "motor current":
         # At rest the motor's friction holds any torque, which the filter spreads.
         speed = np.abs(np.gradient(smooth[0], dt))
-        rests = speed <= 0.03 * np.quantile(speed, 0.95)
+        rests = speed <= Limit.records_rest_speed_share * np.quantile(speed, 0.95)
         counts &= np.convolve(rests, np.ones(2 * edge + 1), "same") < 0.5
     counts[:edge] = False
     counts[-edge:] = False
@@ -349,14 +349,14 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     backwards = follow_with_play(angle[::-1].copy(), width)[::-1]
     found: FloatArray = 0.5 * (forwards + backwards)
     gap = backwards - forwards
-    moving = np.where(np.abs(gap) > 1.5 * width, np.sign(gap), 0.0)
+    moving = np.where(np.abs(gap) > Limit.moving_threshold * width, np.sign(gap), 0.0)
     sure = np.flatnonzero(moving)
     turned, count = np.zeros(angle.size), np.zeros(angle.size)
     for turn in np.flatnonzero(np.diff(moving[sure])):
         side = moving[sure[turn]]
         part = slice(sure[turn], sure[turn + 1] + 1)
         reach = np.minimum(side * forwards[part], side * backwards[part]) + width
-        highest = reach >= reach.max() - 0.3 * width
+        highest = reach >= reach.max() - Limit.turn_level * width
         level = np.median(side * angle[part][highest])
         turned[part] += side * np.minimum(reach, level)
         count[part] += 1.0  # two turns may have a sample in common
@@ -366,8 +366,7 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
 def wind_up_angle(bench: Bench) -> float:
     """Return the motor angle that winds up the whole cable against friction [rad]."""
     cable = bench.cables[0]
-    # Beyond 100 no motion carries the whole cable along.
-    a = min(max(cable.friction * cable.wrap, 1e-6), 100.0)
+    a = min(max(cable.friction * cable.wrap, 1e-6), Limit.max_friction_wrap)
     strain = cable.pretension / cable.axial_stiffness
     slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
     return slip / bench.motor_radius

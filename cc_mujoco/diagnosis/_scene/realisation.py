@@ -378,10 +378,9 @@ def _add_periodic_torque(
     actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
     actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
     wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
-    # Without an input (16, which adds no element to `ctrl`) the motor constant has no
-    # effect, but MuJoCo 3 refuses zero.
+    # Without an input the motor constant has no effect, but MuJoCo 3 refuses zero.
     still: Any = {"motorconst": [1e-300, 0.0], "resistance": 1.0}
-    actuator.set_to_dcmotor(cogging=wave, ctrlspec=16, **still)
+    actuator.set_to_dcmotor(cogging=wave, ctrlspec=Limit.no_input, **still)
 
 
 def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:

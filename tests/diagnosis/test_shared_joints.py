@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from axes import Device, hidden_values, motions, played, record
 
 from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._loading import load
+from diagnosis.whole_device import Device, hidden_values, motions, played, record
 
 FEW = ("end_compliance", "viscous_friction", "load_independent_friction")
 """Effects that are looked for."""

@@ -1,47 +1,29 @@
-"""Diagnoses by `cc-mujoco diagnose --axis` of devices whose axes share joints.
+"""Devices whose axes share joints, played whole by MuJoCo while every joint moves.
 
-    python scripts/diagnosis_study/axes.py --out runs/axes [bilateral/right_knee ...]
-
-The whole device, with all cables, is played by MuJoCo at steps of 0.25 ms while every
-joint moves; one cable hides an effect. What sensors would show is written as the log of
-the device, at 500 Hz with noise, and diagnosed axis by axis. The torque at a joint is
-that of all cables that pull there. Cases that are done are kept; the table is printed
-as Markdown.
+One cable hides an effect. What sensors would show is written as the log of the device,
+at 500 Hz with noise. The torque at a joint is that of all cables that pull there.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import tyro
-from kept_cases import findings, kept, words
-from tyro.conf import Positional
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.device import load_device
-from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import from_mjcf, settle, to_mjcf
-from cc_mujoco.report import _markdown as markdown
 
 STEP, SUBSTEPS, LEAD = 0.002, 8, 0.5
 """Sampling and substeps of it; time from the pose of the scene to the motion [s]."""
 OTHERWISE = {"friction": 1.1, "axial_stiffness": 0.93, "pretension": 1.06}
 """Values of the rig over those of the scene, for the baseline to tune."""
-HIDDEN = (
-    "none", "end_compliance", "load_independent_friction", "viscous_friction",
-    "friction",
-)  # fmt: skip
-"""Cases; friction, doubled, is the baseline's to tune, and no effect."""
 TURNED = ("angle_rad", "torque_nm")
 """Columns that count as the scene, where the cable pulls the other way."""
-DEVICES = ("bilateral", "hand")
 
 
 class Device(NamedTuple):
@@ -69,13 +51,10 @@ def hidden_values(bench: Bench, name: str) -> dict[str, float]:
     cable = bench.cables[0]
     values = {key: scale * getattr(cable, key) for key, scale in OTHERWISE.items()}
     sizes = {
-        "none": 0.0,
-        "friction": 2.0 * cable.friction,
         "end_compliance": cable.length / cable.axial_stiffness / 3.0,
-        "load_independent_friction": 0.6 * cable.pretension / cable.length,
         "viscous_friction": 6.0 * cable.pretension / cable.length,
     }
-    return values if name == "none" else {**values, name: sizes[name]}
+    return {**values, name: sizes[name]}
 
 
 def motions(
@@ -231,54 +210,3 @@ def record(
     if bench.lever is not None and bench.lever.sign < 0.0:
         lines = [f"[columns.joint_{what}]\nsign = -1\n" for what in TURNED] + lines
     (folder / "dataset.toml").write_text("\n".join(lines), encoding="utf-8")
-
-
-def diagnosed(
-    out: Path, scene: str, axis: str, hidden: str, seconds: float
-) -> dict[str, Any]:
-    device = Device.of(scene)
-    record(out / "data", device, axis, hidden, seconds)
-    began = time.process_time()
-    found = diagnose(scene, out / "data", out / "verdict", axis=axis)
-    return {
-        **findings(found),
-        "wanted": hidden_values(device.benches[axis], hidden),
-        "problems": list(found.problems),
-        "seconds": time.process_time() - began,
-    }
-
-
-def main(
-    axes: Positional[tuple[str, ...]] = (),
-    *,
-    out: Path,
-    hidden: tuple[str, ...] = HIDDEN,
-    seconds: float = 8.0,
-) -> None:
-    """Diagnose the cases that are not done, and print the table.
-
-    Args:
-        axes: DEVICE/AXIS, default all.
-    """
-    axes = axes or tuple(
-        f"{scene}/{axis}" for scene in DEVICES for axis in Device.of(scene).benches
-    )
-    rows = []
-    for place in axes:
-        scene, axis = place.split("/")
-        for name in hidden:
-            folder = out / f"{scene} {axis} {name}"
-            make = partial(diagnosed, folder, scene, axis, name, seconds)
-            case = kept(folder / "case.json", make)
-            gaps = [
-                f"{1e3 * before:.3g}, {1e3 * after:.3g} ({1e3 * floor:.3g})"
-                for floor, before, after in case["gap"].values()
-            ]
-            rows.append((place, name, *words(case)[:2], *gaps))
-            print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
-    head = ("axis", "hidden", "verdict", "named", "motor torque", "joint torque")
-    print(markdown.table(head, rows))
-
-
-if __name__ == "__main__":
-    tyro.cli(main)

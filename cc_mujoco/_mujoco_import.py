@@ -79,7 +79,7 @@ def _register() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finder that leaves a module to the finders behind it, and registers after it."""
+    """Finder that finds one module as later finders do, and registers once it loads."""
 
     def __init__(self, name: str, register: Callable[[], None]) -> None:
         self._name, self._register = name, register
@@ -90,7 +90,7 @@ class _Finder(MetaPathFinder):
         path: Sequence[str] | None,
         target: ModuleType | None = None,
     ) -> ModuleSpec | None:
-        """Return what another finder finds of the module, and nothing of others."""
+        """Return the spec that later finders give for the module; None for others."""
         if fullname != self._name:
             return None
         behind = sys.meta_path[sys.meta_path.index(self) + 1 :]

@@ -33,7 +33,7 @@ class CableWarning(UserWarning):
 
 
 class CableError(ValueError):
-    """Input that cannot be used: one sentence saying what, where and what would be.
+    """Input that cannot be used; one sentence says what, where and what would be right.
 
     It is a `ValueError`, so callers that know nothing of this package catch it too.
     """

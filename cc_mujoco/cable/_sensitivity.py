@@ -133,9 +133,11 @@ def _drive(
     cables: stepper.Cables, tension: FloatArray, sides: _Sides, ahead: _Sides,
     each: bool, states: FloatCube, work: FloatArray, out: FloatMatrix,
 ) -> None:  # fmt: skip
-    """Play a motion; with `each` report steps from its samples to those of `ahead`.
+    """Play the motion `sides`, and write each step to `out`.
 
-    `tension` are initial tensions of the nodes of a single cable, empty: pretension.
+    With `each`, the step written of a sample leads from it to the sample of the same
+    row in `ahead`. `tension` has the initial tension of every node of a single cable
+    [N]; if it is empty, all nodes have the pretension.
     """
     motor = 0.0 if sides.by_torque == _MOTOR else sides.motor[0]
     joint = 0.0 if sides.by_torque == _JOINT else sides.joint[0]
@@ -217,7 +219,7 @@ def sensitivity(
 
 
 def _names(cable: Cable | Transmission) -> tuple[tuple[str, str], ...]:
-    """Return what may drive each side or end, its angle or displacement first."""
+    """Return the arguments that can drive each side or end, its motion first."""
     if isinstance(cable, Transmission):
         return ("motor_angle", "motor_torque"), ("joint_angle", "joint_torque")
     return ("u_proximal", "tension_proximal"), ("u_distal", "tension_distal")

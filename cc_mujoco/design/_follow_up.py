@@ -191,7 +191,7 @@ def _prices(
     room = [(max(-1.0, -s), min(1.0, 1.0 / TRUST_REGION - s)) for s in shares]
 
     def slope_row(metric: str, high: bool) -> Array:
-        """Return the changes of a metric per variable, negative if better."""
+        """Return the change of a metric by each free variable; less is better."""
         return (-1.0 if high else 1.0) * np.array([change[metric, v] for v in free])
 
     def price(goal: pareto.Objective, relaxed: pareto.MetricLimit | None) -> Price:

@@ -68,7 +68,10 @@ def _per_area(pounds: float, inches: float) -> float:
 
 
 def _turned(share: float) -> float:
-    """Return mu of the capstan equation, share = exp(-mu pi), for half a turn."""
+    """Return the friction of a rope that keeps `share` of its tension over half a turn.
+
+    From the capstan equation, share = exp(-mu pi).
+    """
     return math.log(1.0 / share) / math.pi
 
 

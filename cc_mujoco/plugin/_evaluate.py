@@ -144,7 +144,10 @@ def origin(
 
 @internal
 def save_first_stage(block: Block, data: MjData, state: int) -> None:
-    """Keep the new state, found from that at `state`, for the later stages of RK4."""
+    """Store the state after the first stage of RK4, from which later stages start.
+
+    `state` is the address of the state before the step.
+    """
     n, first = block.segments, block + block.first_stage
     copy(block + block.new_state, first, 8 * kernel.state_size(n))
     kept = blocks.committed(first, n)

@@ -229,9 +229,9 @@ def warn_short_conduit(
 def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
     """Return a lower bound of the distance between the ends of a conduit [m].
 
-    If it has a route, these are the route's ends, or its start and the mouth. If not,
-    they are within a pulley's radius of the joints of the ends, or at sites of their
-    tendons.
+    A conduit with a route runs between the ends of that route, or from its start to
+    the mouth. Without a route each end is taken to be within the pulley's radius of its
+    joint, or at a site of its tendon.
     """
     attributes = ffi.attributes(model, block.instance)
     written, first = (

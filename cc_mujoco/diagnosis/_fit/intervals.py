@@ -345,7 +345,10 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return the index (data,) of the group of trials that each residual is part of."""
+    """Return, for each residual (data,), the number of its part of the data.
+
+    A part is a group of repeats or, of few groups, a piece of a record.
+    """
     pairs = list(zip(records, masks, strict=True))
     groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []

@@ -218,7 +218,7 @@ def resample_angles(
 
 
 def unsettled(record: Record, filtering: Filtering, random: Generator) -> Record:
-    """Return the record with random movements at rest, too small to be measured."""
+    """Return the record with random motion, too small to measure, added at rest."""
     angles = []
     both = record.motor_angle, record.joint_angle
     for angle, width in zip(both, filtering.still[:2], strict=True):

@@ -551,7 +551,7 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 
 
 def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
-    """Return the kind of each group of repeats: sides that move, declared facts."""
+    """Return, by group of repeats, its kind: the sides that move and declared facts."""
     used = [record for record in records if record.counts.any()]
     spans = np.array([[np.ptp(r.motor_angle), np.ptp(r.joint_angle)] for r in used])
     moved = spans > Limit.held_share * spans.max(axis=0, initial=0.0)

@@ -4,12 +4,11 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
-Writes the tables of materials and effects as CSV files, runs what
-is not done yet of claims and benchmark, and replaces what stands between the marks of
-each block, on its page and, in short, on the front page; claims and the benchmark's
-scores by condition also go into CSV files. The benchmark is what `cc-mujoco benchmark`
-plays with `ENTRIES`; the structure is what `check_structure.py` has left in
-v2-conditions.csv.
+Writes the tables of materials and effects as CSV files, runs the claims and what is not
+done yet of the benchmark, and replaces what stands between the marks of each block, on
+its page and, in short, on the front page; claims and the benchmark's scores by
+condition also go into CSV files. The benchmark is what `cc-mujoco benchmark` plays with
+`ENTRIES`; the structure is what `check_structure.py` has left in v2-conditions.csv.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.report import table
-from thesis._outcome import CLAIM_FILE, Claim
-from thesis.reproduce import reproduce
+from thesis._outcome import CLAIM_FILE, claims_of
+from thesis.reproduce import EXPERIMENTS, run
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -70,20 +69,12 @@ SHORT = {"claims": 1, "diagnosis": 1}
 """Paragraphs of a block that the front page shows, if any."""
 
 
-def block(claims: Mapping[str, Sequence[Claim]]) -> str:
+def block(rows: Sequence[Mapping[str, str]]) -> str:
     """Return a sentence with the number of claims of each verdict."""
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
-    whole = Counter(claim.verdict for found in claims.values() for claim in found)
+    whole = Counter(row["verdict"] for row in rows)
     counts = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
     return f"{whole.total()} claims: {counts}."
-
-
-def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
-    """Return all claims as rows of text, the first of column names."""
-    rows = [["experiment", "where", "printed", "ours", "verdict", "why"]]
-    for name, found in claims.items():
-        rows += [[name, c.where, c.printed, c.ours, c.verdict, c.why] for c in found]
-    return rows
 
 
 def tables(results: benchmark.Results) -> str:
@@ -254,7 +245,6 @@ def main() -> None:
     parser.add_argument(
         "blocks", nargs="*", help=f"of tables, {', '.join(PAGES)}; all if none"
     )
-    parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
     parser.add_argument("--seeds", type=int, default=None)
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
@@ -266,10 +256,9 @@ def main() -> None:
         for name, rows in package_tables().items():
             write_csv(TABLES[name], rows)
     if "claims" in options.blocks:
-        records = reproduce([], options.results)
-        claims = {record.name: record.claims for record in records}
+        claims = [row for name in EXPERIMENTS for row in claims_of(name, run(name))]
         write("claims", block(claims))
-        write_csv(CLAIM_FILE, claim_rows(claims))
+        write_csv(CLAIM_FILE, [list(claims[0]), *(list(c.values()) for c in claims)])
     if "benchmark" in options.blocks:
         results = played(options.benchmark, options.seeds)
         write("benchmark", tables(results))

@@ -1,9 +1,8 @@
 r"""The solver of the thesis, literally: chapter 2 of A. Borowski's thesis in NumPy.
 
     cable = Cable(friction=0.2, conduit=(Section(2.0, 0.28),), segments=10)
-    solver = ThesisCable(cable)
-    solver.step(u_proximal=-0.001, u_distal=0.0)
-    solver.tension  # every node, from the proximal end
+    played = play(cable, u_proximal, u_distal)
+    played.tension  # (samples, nodes), from the proximal end
 
 Read it together with the thesis; every part names its equation. It is slow and has the
 faults of the printed rules, on purpose: `kernel` is compared with it. Tensions
@@ -25,8 +24,6 @@ Where the printed text contradicts itself or is silent, this module reads it so:
   turns inside a segment, either sign of that segment contradicts itself, and a segment
   assumed still has a velocity of exactly zero by accident only. Then the pattern stands
   whose contradicting segments move least, and `contradicted` counts the step.
-- An end driven by tension does not say when it turns. In these modes a contradiction in
-  mass motion is taken for the end of it: both last-moving nodes start again, once.
 - Slack is left to footnote 4: solved as if the cable could push, shown as 0.
 """
 
@@ -36,11 +33,10 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._segments import Mesh
-from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 
@@ -58,7 +54,6 @@ class Solution(NamedTuple):
     tension: FloatArray  # (n + 1,) [N], negative where the cable would have to push
     displacement: FloatArray  # (n + 1,) [m]
     pattern: FloatArray  # direction of every segment (n,)
-    tried: int  # how many patterns were tried
     # sum of the motion of the segments whose direction is not the assumed one [m]; 0
     # for the solution proper (2.25)
     contradiction: float
@@ -148,18 +143,17 @@ def solve(
     place = min(range(len(found)), key=lambda i: found[i][0])
     patterns.insert(0, patterns.pop(place))
     contradiction, tension, displacement = found[place]
-    return Solution(tension, displacement, patterns[0], len(found), contradiction)
+    return Solution(tension, displacement, patterns[0], contradiction)
 
 
 def by_fsolve(
     mesh: Mesh, before: FloatArray, constraints: Sequence[Constraint], guess: FloatArray
-) -> tuple[FloatArray, FloatArray, bool]:
+) -> FloatArray:
     """Solve equations 2.13 with signs by a general solver, the baseline of 2.3.1.
 
     `before` is the displacement of the nodes at the time before (n + 1,) [m]; of the
     two constraints at least one is a displacement; the guess (2n + 2,) is best the last
-    solution x. Returns tension and displacement of the nodes, (n + 1,) each, and
-    whether the solver says that it converged.
+    solution. Returns tensions and displacements of the nodes (2n + 2,).
     """
     from scipy.optimize import fsolve
 
@@ -179,23 +173,21 @@ def by_fsolve(
         # In newtons throughout, so that one tolerance fits all rows.
         return np.concatenate([friction, stretch * mesh.stiffness])
 
-    x[free], _, status, _ = fsolve(residual, x[free], full_output=True)
-    tension, displacement = np.split(x, 2)
-    return tension, displacement, status == 1
+    x[free] = fsolve(residual, x[free])
+    return x
 
 
 class ThesisCable:
-    """One cable stepped by Listing 2.1, in any of the three modes (Fig. 2.2).
+    """One cable stepped by Listing 2.1, both ends driven by displacement (Fig. 2.2).
 
     Attributes:
-        mesh: the segments.
+        tension: of the nodes (n + 1,) [N], negative where slack.
         displacement: of the nodes (n + 1,) [m].
         last_moving: how many nodes move, from the proximal and from the distal end.
-        tried: sign patterns tried so far.
         contradicted: steps so far whose solution no sign pattern fits.
     """
 
-    def __init__(self, cable: Cable, *, resolve: bool = True) -> None:
+    def __init__(self, cable: Cable, resolve: bool = True) -> None:
         """Set a cable at rest in its pretension; it has no friction but Coulomb's.
 
         With `resolve` the solution is repeated when a last-moving node advances (2.2);
@@ -205,78 +197,42 @@ class ThesisCable:
         self.mesh = Mesh.of(cable)
         stretch = cable.pretension * self.mesh.length / self.mesh.stiffness
         self.displacement = np.concatenate([[0.0], np.cumsum(stretch)])
-        self._tension = np.full(self.mesh.segments + 1, cable.pretension)
+        self.tension = np.full(self.mesh.segments + 1, cable.pretension)
         self._rest = self.displacement[-1]
         self.last_moving = [0, 0]
-        self.tried = self.contradicted = 0
+        self.contradicted = 0
         self._resolve = resolve
         self._slip_direction = [0.0, 0.0]
         self._patterns: dict[int, list[FloatArray]] = {}
 
-    @property
-    def tension(self) -> FloatArray:
-        """Tension of every node (n + 1,) [N]; 0 where slack (2.1.1.2)."""
-        return np.maximum(self._tension, 0.0)
-
-    def step(
-        self,
-        *,
-        u_proximal: float | None = None,
-        tension_proximal: float | None = None,
-        u_distal: float | None = None,
-        tension_distal: float | None = None,
-    ) -> None:
-        """Advance; give displacement since rest [m] or tension [N] at each end."""
-        n = self.mesh.segments
-        distal_u = None if u_distal is None else self._rest + u_distal
+    def step(self, u_proximal: float, u_distal: float) -> None:
+        """Advance to displacements since rest [m]."""
         ends = (
-            _prescribed(0, u_proximal, tension_proximal),
-            _prescribed(n, distal_u, tension_distal),
+            Constraint("displacement", 0, u_proximal),
+            Constraint("displacement", self.mesh.segments, self._rest + u_distal),
         )
-        if ends[0].kind == ends[1].kind == "tension":
-            raise CableError(
-                "both ends are driven by tension; at least one must be driven by "
-                "position"
-            )
-        if not any(asked := self._asked(ends)):
+        asked = [float(np.sign(e.value - self.displacement[e.node])) for e in ends]
+        if not any(asked):
             return
-        self._begin(ends, asked)
-        may_end = any(end.kind == "tension" for end in ends)
+        # What must stop and what must move (2.2).
+        for side, way in enumerate(asked):
+            if way * self._slip_direction[side] < 0.0:
+                if self._all_nodes_move():
+                    self.last_moving = [0, 0]
+                else:
+                    self.last_moving[side] = 0
+        for side, way in enumerate(asked):
+            if way != 0.0:
+                self.last_moving[side] = max(self.last_moving[side], 1)
+                self._slip_direction[side] = way
         while True:
             found = self._solution(ends)
-            if found.contradiction and self._all_nodes_move() and may_end:
-                may_end = False
-                self.last_moving = [int(way != 0.0) for way in asked]
-            elif not self._advance(found) or not self._resolve:
+            if not self._advance(found) or not self._resolve:
                 break
         self.contradicted += found.contradiction > 0.0
-        self._tension, self.displacement = found.tension, found.displacement
-        for kind, node, value in ends:  # exactly, or rounding would ask for motion
-            (self._tension if kind == "tension" else self.displacement)[node] = value
-
-    def _asked(self, ends: tuple[Constraint, Constraint]) -> list[float]:
-        """Return the direction in which the input drives each end, 0 if unchanged."""
-        ways = []
-        for end, pull in zip(ends, (-1.0, 1.0), strict=True):
-            if end.kind == "displacement":
-                ways.append(np.sign(end.value - self.displacement[end.node]))
-            else:  # tension pulls an end outwards
-                ways.append(pull * np.sign(end.value - self._tension[end.node]))
-        return ways
-
-    def _begin(self, ends: Sequence[Constraint], asked: list[float]) -> None:
-        """Check before the solution what must stop and what must move (2.2)."""
-        for side, end in enumerate(ends):
-            if asked[side] * self._slip_direction[side] < 0.0:
-                # In mass motion a tension does not tell which way its end moves.
-                if self._all_nodes_move() and end.kind == "displacement":
-                    self.last_moving = [0, 0]
-                elif not self._all_nodes_move():
-                    self.last_moving[side] = 0
-        for side, slip_direction in enumerate(asked):
-            if slip_direction != 0.0:
-                self.last_moving[side] = max(self.last_moving[side], 1)
-                self._slip_direction[side] = slip_direction
+        self.tension, self.displacement = found.tension, found.displacement
+        for _, node, value in ends:  # exactly, or rounding would ask for motion
+            self.displacement[node] = value
 
     def _all_nodes_move(self) -> bool:
         return sum(self.last_moving) >= self.mesh.segments + 1
@@ -285,23 +241,23 @@ class ThesisCable:
         """Return all nodes, for the present last-moving ones (2.1.1.4)."""
         if self._all_nodes_move():
             return self._solved(self.mesh, self.displacement, ends)
-        tension, displacement = self._tension.copy(), self.displacement.copy()  # 2.15
+        tension, displacement = self.tension.copy(), self.displacement.copy()  # 2.15
         contradiction = 0.0
         # The distal part is the proximal one of the mirrored cable.
-        for moving, (kind, _, value), way in zip(
-            self.last_moving, ends, (1, -1), strict=True
-        ):
+        for moving, end, way in zip(self.last_moving, ends, (1, -1), strict=True):
             if not moving:
                 continue
             mesh = self.mesh if way > 0 else self.mesh.mirrored()
             t, u = tension[::way], way * displacement[::way]
-            end = Constraint(kind, 0, way * value if kind == "displacement" else value)
+            driven = Constraint("displacement", 0, way * end.value)
             standing = Standing(t[moving], u[moving], mesh.length[moving - 1])
-            part = self._solved(mesh.part(0, moving - 1), u[:moving], [end], standing)
+            part = self._solved(
+                mesh.part(0, moving - 1), u[:moving], [driven], standing
+            )
             t[:moving] = part.tension
             displacement[::way][:moving] = way * part.displacement
             contradiction += part.contradiction
-        return Solution(tension, displacement, np.empty(0), 0, contradiction)
+        return Solution(tension, displacement, np.empty(0), contradiction)
 
     def _solved(
         self,
@@ -312,9 +268,7 @@ class ThesisCable:
     ) -> Solution:
         n = mesh.segments
         patterns = self._patterns.setdefault(n, sign_patterns(n))
-        found = solve(mesh, before, constraints, patterns, standing)
-        self.tried += found.tried
-        return found
+        return solve(mesh, before, constraints, patterns, standing)
 
     def _advance(self, found: Solution) -> bool:
         """Let the next node of each end join by (2.17); return whether one did."""
@@ -334,27 +288,25 @@ class ThesisCable:
 class ThesisReplay(NamedTuple):
     """A motion played through `ThesisCable`; arrays have one row per sample."""
 
-    tension: FloatArray  # of the nodes (samples, n + 1) [N]
+    tension: FloatArray  # of the nodes (samples, n + 1) [N]; 0 where slack (2.1.1.2)
     # of the nodes (samples, n + 1) [m], from the unstrained cable
     displacement: FloatArray
     last_moving: NDArray[np.intp]  # nodes that move from either end (samples, 2)
-    tried: int  # sign patterns tried in all
     contradicted: int  # steps whose solution no sign pattern fits
 
 
 def play(
-    cable: Cable, *, resolve: bool = True, **given: ArrayLike | None
+    cable: Cable, u_proximal: FloatArray, u_distal: FloatArray, *, resolve: bool = True
 ) -> ThesisReplay:
-    """Play a motion (samples,), prescribed by the names of `ThesisCable.step`."""
-    names = [name for name, values in given.items() if values is not None]
-    rows = np.column_stack([np.asarray(given[name], dtype=float) for name in names])
-    solver = ThesisCable(cable, resolve=resolve)
+    """Play displacements of both ends since rest (samples,) [m]."""
+    solver = ThesisCable(cable, resolve)
     states = []
-    for row in rows.tolist():
-        solver.step(**dict(zip(names, row, strict=True)))
-        states.append((solver.tension, solver.displacement, list(solver.last_moving)))
+    for row in zip(u_proximal.tolist(), u_distal.tolist(), strict=True):
+        solver.step(*row)
+        shown = np.maximum(solver.tension, 0.0)
+        states.append((shown, solver.displacement, list(solver.last_moving)))
     arrays = (np.array(each) for each in zip(*states, strict=True))
-    return ThesisReplay(*arrays, solver.tried, solver.contradicted)
+    return ThesisReplay(*arrays, solver.contradicted)
 
 
 def _opposed_signs(n: int, first: int, second: int) -> FloatArray:
@@ -371,12 +323,3 @@ def _breaks_away(
     sign = np.sign(moved[moving - 1])
     held = tension[moving - 1] * np.exp(mesh.static_angle[moving - 1] * sign)
     return bool(sign != 0.0 and tension[moving] * sign >= held * sign)
-
-
-def _prescribed(node: int, u: float | None, tension: float | None) -> Constraint:
-    if u is not None and tension is None:
-        return Constraint("displacement", node, u)
-    if tension is not None and u is None:
-        return Constraint("tension", node, tension)
-    end = "distal" if node else "proximal"
-    raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")

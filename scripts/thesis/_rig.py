@@ -10,7 +10,6 @@ is off there, since by (2.17) its effect is one of the mesh.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._formulas import loop_width
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Panel
 
 LENGTH = 2.0  # length of each conduit [m]
 STIFFNESS = 2000.0  # stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L
@@ -95,13 +93,3 @@ def blocked_output_test(cable: Cable) -> Blocked:
         float(np.max(np.abs(output[late]))) / (transmission.ratio * PEAK_TORQUE),
         loop_width(torque[late], output[late]) if moves else math.nan,
     )
-
-
-def blocked_loops(found: Mapping[str, Blocked], title: str) -> Panel:
-    """Return a panel of output over motor torque by label, with the ideal line."""
-    time, torque = chopped_triangle()
-    late = time > 15.0
-    given = torque[late]
-    curves = {label: (given, row.joint_torque[late]) for label, row in found.items()}
-    curves["ideal"] = (given, HANDLE_RADIUS / MOTOR_RADIUS * given, "--")
-    return Panel(title, "motor torque [N m]", "output torque [N m]", curves)

@@ -14,13 +14,12 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import FrictionEstimator
 from cc_mujoco.estimation._tracks import wrap_angles
 from estimation.runs import CABLE, DT, moving_runs, strokes
-from thesis.estimators._parameters import BendEstimator, SlopeLaw, StiffnessEstimator
+from thesis.estimators._parameters import BendEstimator, StiffnessEstimator
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 OF_SLOPE = {
     "friction": lambda cable: FrictionEstimator(cable, EVERY),
-    "bend": lambda cable: BendEstimator(cable, EVERY),
-    "thesis": lambda cable: SlopeLaw(cable, EVERY, 1e-4),
+    "bend": lambda cable: BendEstimator(cable, EVERY, start=0.75),
 }
 SEEN_AT_ENDS_OR_REST = ("proximal seal", "distal seal", "ageing at once")
 """Terms that are refused although the middle of a cable that moves is free of them."""
@@ -74,4 +73,4 @@ def test_stiffness_is_told_only_where_it_stays(on: dict[str, float]) -> None:
         or name.endswith(("hardening", "loss"))
         for name in on
     )
-    assert refuses(lambda c: StiffnessEstimator(c, EVERY), cable) == changes
+    assert refuses(lambda c: StiffnessEstimator(c, EVERY, start=4e3), cable) == changes

@@ -28,12 +28,3 @@ def test_without_friction_the_slope_is_the_stiffness() -> None:
     free = parameters.CABLE.replace(friction=1e-6)
     trial = parameters.blocked_trial(free, 5)
     assert abs(parameters.by_slope(trial) / STIFFNESS - 1.0) < 0.01
-
-
-def test_a_taut_pair_leaves_a_valley_and_slack_closes_it() -> None:
-    distal = np.array([0.012]), np.array([12.5])
-    taut = parameters.valley(parameters.blocked_trial(parameters.CABLE, 1), *distal)
-    slack = parameters.valley(
-        parameters.blocked_trial(parameters.CABLE, 2, peak=0.6), *distal
-    )
-    assert slack[0, 0] > 2.0 * taut[0, 0]

@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 from thesis._experiments import predecessors
-from thesis.predecessors import Distributed, PassiveDistributed, StaticCapstan
-from thesis.predecessors._capabilities import CABLE, DT, SPRING
+from thesis.predecessors._capabilities import CABLE
+from thesis.predecessors._models import (
+    Distributed,
+    PassiveDistributed,
+    StaticCapstan,
+)
 
 
 @pytest.mark.study
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:
-    proximal = predecessors.motion()
-    truth = Distributed(CABLE.replace(segments=100)).replay(DT, proximal, SPRING)
-    unit = predecessors.cost(Distributed(CABLE), proximal)
+    motion = predecessors.strokes()
+    truth = Distributed(CABLE.replace(segments=100)).answer(motion)
+    unit = predecessors.cost(Distributed(CABLE), motion)
     found = [
-        predecessors.judge(kind(CABLE), proximal, truth, unit)
+        predecessors.judge(kind(CABLE), motion, truth, unit)
         for kind in (StaticCapstan, PassiveDistributed, Distributed)
     ]
     static, passive, ours = found

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cc_mujoco.cable import Cable
-from cc_mujoco.native import FloatArray
 from thesis import _rig as rig
-from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing
+from thesis._outcome import Finding, Verdict
 from thesis._rig import PEAK_TORQUE, RECONCILED_CABLE, onset_torque
 
 PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
@@ -24,18 +24,17 @@ LOOPS = (1, 2, 3)
 NOT_PRINTED = Finding("no measured values are printed", "cannot")
 
 
-def pretension(progress: Progress) -> Outcome:
+def pretension() -> tuple[Finding, ...]:
     rows = [
         rig.blocked_output_test(RECONCILED_CABLE.replace(pretension=tension))
-        for tension in passing(PRETENSIONS, progress)
+        for tension in PRETENSIONS
     ]
-    time, _ = rig.chopped_triangle()
     efficiency = [row.efficiency for row in rows]
     backlash = [row.backlash for row in rows]
     share = np.array(backlash) / np.array(PRETENSIONS)
     ratio = rig.HANDLE_RADIUS / rig.MOTOR_RADIUS
     peaks = ", ".join(f"{np.max(row.joint_torque):.2f}" for row in rows)
-    findings = (
+    return (
         Finding(
             f"{PRETENSIONS[0]:.0f} to {PRETENSIONS[-1]:.0f} N: loop at the motor "
             f"{backlash[0]:.3f} to {backlash[-1]:.3f} N m wide, efficiency "
@@ -50,29 +49,9 @@ def pretension(progress: Progress) -> Outcome:
         ),
         NOT_PRINTED,
     )
-    levels = [f"pretension {tension:.0f} N" for tension in PRETENSIONS]
-    named = dict(zip(levels, rows, strict=True))
-    shown = time < 12.0
-    ideal = ratio * rows[0].motor_torque
-    panels = [
-        Panel(
-            "Output locked: torque on the lock", "time [s]", "output torque [N m]",
-            {"motor, times the ratio": (time[shown], ideal[shown], "--")}
-            | {name: (time[shown], r.joint_torque[shown]) for name, r in named.items()},
-        ),
-        rig.blocked_loops(named, "Higher pretension, wider loop"),
-        Panel(
-            "Summary", "pretension [N]", "see the legend",
-            {
-                "width of the loop at the motor [N m]": (PRETENSIONS, backlash, "o-"),
-                "efficiency": (PRETENSIONS, efficiency, "o-"),
-            },
-        ),
-    ]  # fmt: skip
-    return Outcome(findings, {"pretension": panels})
 
 
-def _widens(backlash: FloatArray | list[float], efficiency: list[float]) -> Verdict:
+def _widens(backlash: ArrayLike, efficiency: list[float]) -> Verdict:
     falls = all(np.diff(efficiency) < 0.0)
     return "agrees" if falls and all(np.diff(backlash) > 0.0) else "disagrees"
 
@@ -81,15 +60,15 @@ def _laid(loops: float) -> Cable:
     return RECONCILED_CABLE.replace(conduit=rig.conduit_in_loops(loops))
 
 
-def loops(progress: Progress) -> Outcome:
-    rows = [rig.blocked_output_test(_laid(n)) for n in passing(LOOPS, progress)]
+def loops() -> tuple[Finding, ...]:
+    rows = [rig.blocked_output_test(_laid(n)) for n in LOOPS]
     efficiency = [row.efficiency for row in rows]
     backlash = np.array([row.backlash for row in rows])
     expected = np.array([2.0 * onset_torque(_laid(n)) for n in LOOPS])
     apart = float(np.max(np.abs(backlash / expected - 1.0)))
     widths = ", ".join(f"{width:.3f}" for width in backlash)
     shares = ", ".join(f"{value:.0%}" for value in efficiency)
-    findings = (
+    return (
         Finding(
             f"1 to 3 loops: loop at the motor {widths} N m wide, efficiency {shares}",
             _widens(backlash, efficiency),
@@ -103,23 +82,6 @@ def loops(progress: Progress) -> Outcome:
             "in part",
         ),
     )
-    labels = [f"{n} loop{'s' if n > 1 else ''}" for n in LOOPS]
-    named = dict(zip(labels, rows, strict=True))
-    many = np.linspace(0.0, 3.2, 50)[1:]
-    onsets = [2.0 * onset_torque(_laid(n)) for n in many]
-    panels = [
-        rig.blocked_loops(named, "Output locked: more loops, wider loop"),
-        Panel(
-            "Backlash and efficiency against loops", "loops of the conduit",
-            "see the legend",
-            {
-                "width of the loop [N m], from the front's arrival": (many, onsets),
-                "width of the loop [N m], simulated": (LOOPS, backlash, "o"),
-                "efficiency": (LOOPS, efficiency, "s--"),
-            },
-        ),
-    ]  # fmt: skip
-    return Outcome(findings, {"loops": panels})
 
 
 COULOMB = rig.PRINTED_CABLE.replace(static_friction=0.0)
@@ -135,13 +97,12 @@ def simulated_onset(cable: Cable) -> float:
     return float(torque[np.argmax(np.abs(found.joint_torque) > 1e-3)])
 
 
-def magnitudes(progress: Progress) -> Outcome:
+def magnitudes() -> tuple[Finding, ...]:
     """Show that Table 2.2 gives no output at 0.125 N m; vary each parameter alone."""
     needed = onset_torque(COULOMB)
     simulated = simulated_onset(COULOMB.replace(segments=200))
     agonist = COULOMB.pretension * math.expm1(COULOMB.friction * COULOMB.wrap)
     output = np.max(np.abs(rig.blocked_output_test(rig.PRINTED_CABLE).joint_torque))
-    progress(0.2)
     varied = {
         "friction": np.geomspace(0.003, 0.21, 15),
         "pretension": np.geomspace(0.05, 10.0, 15),
@@ -150,11 +111,9 @@ def magnitudes(progress: Progress) -> Outcome:
     for name, values in varied.items():
         cables = [COULOMB.replace(**{name: float(value)}) for value in values]
         found[name] = np.array([rig.blocked_output_test(c).efficiency for c in cables])
-        progress(0.2 + 0.4 * len(found))
     plausible = found["friction"] > MIN_PLAUSIBLE_EFFICIENCY
     most = float(np.max(varied["friction"][plausible]))
-    bound = math.exp(-COULOMB.friction * COULOMB.wrap)
-    findings = (
+    return (
         Finding(
             f"mu_d L/R = {COULOMB.friction * COULOMB.wrap:.2f}: the output feels "
             f"nothing below {needed:.2f} N m ({simulated:.2f} simulated); at 0.125 N m "
@@ -171,19 +130,3 @@ def magnitudes(progress: Progress) -> Outcome:
             f"k_c must be a force: {COULOMB.axial_stiffness:.0f} N = K L", "misprint"
         ),
     )
-    labels = {
-        "friction": "friction coefficient mu_d [1]", "pretension": "pretension T0 [N]",
-    }  # fmt: skip
-    panels = [
-        Panel(
-            f"{name.capitalize()} changed alone", label, "share of the ideal",
-            {
-                "peak output at 0.125 N m": (varied[name], found[name], "o-"),
-                "printed": ([getattr(COULOMB, name)] * 2, [0.0, 1.0]),
-                "capstan ratio e^-1.5": (varied[name], np.full(15, bound)),
-            },
-            "semilogx",
-        )
-        for name, label in labels.items()
-    ]  # fmt: skip
-    return Outcome(findings, {"magnitudes": panels})

@@ -7,13 +7,12 @@ wrong by the 1 to 2 N that stretch the cable as much sees the far end move backw
 
 Single instants are exact by (2.10) and (2.12). The run in time has this package's
 kernel on the same 11 nodes as truth, a weaker friction and 1 N noise. The observer
-runs with three agilities, and the claim gives the range; the middle one, which the
-figure shows, is the best at the output of five that were tried on this very motion.
+runs with three agilities, and the claim gives the range; the middle one is the best at
+the output of five that were tried on this very motion.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms
+from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators import _directions as directions
 
@@ -119,26 +118,11 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
     return Bias(float(np.mean(agreeing)), float(np.mean(shared)), uncertain, wrong)
 
 
-class _Run(NamedTuple):
-    """A motion with rests and reversals at both ends, estimated in several ways."""
+def simulate_run(seconds: float = 6.0) -> tuple[dict[str, float], dict[str, float]]:
+    """Return RMS errors at the output and over all nodes [N], by name of the estimator.
 
-    time: FloatArray  # (samples,) [s]
-    truth: FloatArray  # output tension (samples,) [N]
-    output: dict[str, FloatArray]  # name to output tension (samples,) [N]
-    everywhere: dict[str, float]  # name to RMS error over all nodes [N]
-    # name to share of segments and samples with the right direction
-    right: dict[str, float]
-
-    def rms(self, name: str) -> float:
-        return rms(self.output[name] - self.truth)
-
-
-def observer_name(agility: float) -> str:
-    return f"kernel as observer, {agility:g} N per s"
-
-
-def simulate_run(seconds: float = 6.0) -> _Run:
-    """Simulate motor and wearer that pull and release, with rests; exact encoder."""
+    Motor and wearer pull and release, with rests; the encoder is exact.
+    """
     time = np.arange(0.0, seconds, DT)
     knots = [0.0, 1.0, 1.5, 2.5, 3.0, 4.0, 4.5, 5.5, 6.0]
     proximal = -0.03 * np.interp(time, knots, [0, 1, 1, 0.2, 0.2, 1.2, 1.2, 0.3, 0.3])
@@ -146,31 +130,30 @@ def simulate_run(seconds: float = 6.0) -> _Run:
     true = replay(RUN_CABLE, DT, u_proximal=proximal, u_distal=distal, profile=True)
     random = np.random.default_rng(39)
     reading = true.tension + RUN_NOISE * random.normal(size=true.tension.shape)
-    sensors = Sensors.everywhere(RUN_CABLE, RUN_NOISE)
-    known = TensionFusion(RUN_CABLE, sensors)
-    output = {"one sensor, at the output": reading[:, -1]}
-    everywhere, right = {}, {}
-    consensus = partial(directions.SensorConsensus, RUN_CABLE, sensors)
-    observer = partial(directions.CableObserver, RUN_CABLE, sensors, DT)
+    given = RUN_CABLE, Sensors.everywhere(RUN_CABLE, RUN_NOISE)
     estimators: dict[str, Any] = {
-        "vote, as printed": consensus(choice="vote", threshold=0.0),
-        "vote, silent within 3 deviations": consensus(choice="vote"),
-        "all readings at once": consensus(choice="likeliest"),
-    } | {observer_name(agility): observer(agility=agility) for agility in AGILITIES}
-    for name, each in estimators.items():
-        found, way = np.empty_like(reading), np.empty_like(true.direction)
-        for k, (u, row) in enumerate(zip(proximal.tolist(), reading, strict=True)):
-            found[k], way[k] = each.update(u, row), each.direction
-        output[name], everywhere[name] = found[:, -1], rms(found - true.tension)
-        right[name] = float(np.mean(way == true.direction))
-    output["directions known"] = known.over(reading, true.direction).tension[:, -1]
-    return _Run(time, true.tension[:, -1], output, everywhere, right)
+        "vote": directions.SensorConsensus(*given, threshold=0.0),
+        "at once": directions.SensorConsensus(*given, likeliest=True),
+    } | {
+        f"observer {agility:g}": directions.CableObserver(*given, DT, agility=agility)
+        for agility in AGILITIES
+    }
+    rows = list(zip(proximal.tolist(), reading, strict=True))
+    found = {
+        name: np.array([each.update(*row).copy() for row in rows])
+        for name, each in estimators.items()
+    }
+    found["known"] = TensionFusion(*given).over(reading, true.direction).tension
+    errors = {name: each - true.tension for name, each in found.items()}
+    return (
+        {name: rms(error[:, -1]) for name, error in errors.items()},
+        {name: rms(error) for name, error in errors.items()},
+    )
 
 
-def run(progress: Progress) -> Outcome:
-    """Reproduce Figs. 3.7 and 3.8, and the consensus."""
+def run() -> tuple[Finding, ...]:
+    """Reproduce what Figs. 3.7 and 3.8 show, and the consensus."""
     found = {name: sensor_votes(CABLE, name, 2000) for name in directions.CONDITIONS}
-    progress(0.2)
     wrong = {k: side_means(np.mean(v.wrong, axis=0)) for k, v in found.items()}
     ratio = {k: _excess_error(v) for k, v in found.items()}
     steeper = [
@@ -178,10 +161,8 @@ def run(progress: Progress) -> Outcome:
         for mu in SLOPES
     ]
     slope = [side_means(np.mean(v.wrong, axis=0))[1] for v in steeper]
-    progress(0.5)
     biased = bias(CABLE, "towards distal", 3000, NOISE)
-    progress(0.7)
-    series = simulate_run()
+    output, everywhere = simulate_run()
     several = max(float(np.mean(v.own.fitting > 1)) for v in found.values())
     distal = found["towards distal"]
     mistaken = np.any(distal.wrong, axis=2)
@@ -191,16 +172,17 @@ def run(progress: Progress) -> Outcome:
     inner, outer = zip(*ratio.values(), strict=True)
     significant = abs(biased.agreeing) > 4.0 * biased.uncertain[0]
     unbiased = abs(biased.shared) < 4.0 * biased.uncertain[1]
-    rms = {name: series.rms(name) for name in series.output}
-    printed, mended = rms["vote, as printed"], rms["all readings at once"]
-    ours = [rms[observer_name(agility)] for agility in AGILITIES]
-    inside = [series.everywhere[observer_name(agility)] for agility in AGILITIES]
+    printed, mended = output["vote"], output["at once"]
+    ours, inside = (
+        [errors[f"observer {agility:g}"] for agility in AGILITIES]
+        for errors in (output, everywhere)
+    )
     middle = directions.median_last_moving(LAST_MOVING)
     # A consensus should be worth more than one sensor at the output.
     verdict = "in part" if mended < RUN_NOISE else "disagrees"
     if printed < RUN_NOISE:
         verdict = "agrees"
-    claims = (
+    return (
         Finding(
             f"wrong {min(after):.1%} to {max(after):.0%} of segments after it, at most "
             f"{before:.2%} before; moving distally {low:.0%} of these read too low",
@@ -233,22 +215,13 @@ def run(progress: Progress) -> Outcome:
         Finding(
             f"output RMS: vote {printed:.1f} N, all readings at once {mended:.2f} N, "
             f"kernel as observer {min(ours):.2f} to {max(ours):.2f} N; known "
-            f"{rms['directions known']:.2f} N; one sensor {RUN_NOISE:g} N",
+            f"{output['known']:.2f} N; one sensor {RUN_NOISE:g} N",
             verdict,
             "the vote, as we read it, believes its past errors; all nodes: at once "
-            f"{series.everywhere['all readings at once']:.2f} N, observer "
+            f"{everywhere['at once']:.2f} N, observer "
             f"{min(inside):.2f} to {max(inside):.2f} N",
         ),
     )
-    figures = {
-        "extrapolation": [
-            _worst_solutions(name, found[name])
-            for name in ("towards distal", "stretching")
-        ],
-        "error_matrices": [_error_matrix(name, one) for name, one in found.items()],
-        "in_time": _in_time(series),
-    }
-    return Outcome(claims, figures)
 
 
 def _excess_error(found: _Votes) -> tuple[float, float]:
@@ -258,53 +231,3 @@ def _excess_error(found: _Votes) -> tuple[float, float]:
     truly = side_means((NOISE * gain) ** 2)
     have = side_means(found.rms**2)
     return float(np.sqrt(have[0] / truly[0])), float(np.sqrt(have[1] / truly[1]))
-
-
-NODES = np.arange(1, SEGMENTS + 2)
-
-
-def _worst_solutions(name: str, votes: _Votes) -> Panel:
-    """Return Fig. 3.7: some of the worst solutions of single sensors."""
-    curves = {"truth": (NODES, votes.moment.tension, ".")}
-    for sensor in (1, 3, 5, 7):
-        worst = int(np.argmax(np.sum(votes.wrong[:, sensor], axis=1)))
-        line = votes.own.tension[worst, sensor]
-        curves[f"sensor at node {sensor + 1}"] = (NODES, line)
-    title = f"Worst solutions of single sensors, cable {_direction_text(name)}"
-    return Panel(title, "node, from the motor", "tension [N]", curves)
-
-
-def _error_matrix(name: str, votes: _Votes) -> Panel:
-    return Panel(
-        f"Own solutions, {NOISE:g} N noise, cable {_direction_text(name)}",
-        "node at which tension is estimated", "RMS error [N]",
-        {
-            f"sensor at node {node}": (NODES, row)
-            for node, row in zip(NODES, votes.rms, strict=True)
-        },
-        "semilogy",
-    )  # fmt: skip
-
-
-def _direction_text(name: str) -> str:
-    return name if name.endswith("ing") else f"moving {name}"
-
-
-def _in_time(series: _Run) -> list[Panel]:
-    printed = "vote, as printed"
-    shown = (
-        printed, "all readings at once", observer_name(AGILITIES[1]), "directions known"
-    )  # fmt: skip
-    tensions = {"truth": (series.time, series.truth)}
-    tensions |= {
-        f"{name}: RMS {series.rms(name):.2f} N": (series.time, series.output[name])
-        for name in shown
-    }
-    errors = {
-        name: (series.time, series.output[name] - series.truth) for name in shown[1:]
-    }
-    title = f"Output tension from 11 sensors with {RUN_NOISE:g} N noise"
-    return [
-        Panel(title, "time [s]", "output tension [N]", tensions, limits=(0.0, 72.0)),
-        Panel("Errors of all but the vote", "time [s]", "error [N]", errors),
-    ]

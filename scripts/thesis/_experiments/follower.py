@@ -15,7 +15,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress
+from thesis._outcome import Finding
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, conduit_in_loops, drive
 
 CABLE = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1))
@@ -79,19 +79,17 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
     return reached
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     angle = handle_angle()
     ratio = drive(CABLE).ratio
     ideal = share_efforts(CABLE, ratio * angle, angle)
     bent = CABLE.replace(conduit=(Section(0.3, 0.05), Section(LENGTH - 0.3, np.inf)))
     lopsided = share_efforts(bent, ratio * angle, angle)
-    progress(0.1)
     reached = follow(CABLE, angle)
-    progress(0.9)
     real = share_efforts(CABLE, reached, angle)
     behind = float(np.degrees(np.max(np.abs(reached - ratio * angle))))
     peak = MOTOR_RADIUS * CABLE.pretension * CABLE.friction * CABLE.wrap
-    claims = (
+    return (
         Finding(
             f"motor's share {ideal.share:.1%}, profiles {ideal.apart:.1%} RMS apart",
             "agrees" if abs(ideal.share - 0.5) < 0.005 > ideal.apart else "disagrees",
@@ -109,28 +107,3 @@ def run(progress: Progress) -> Outcome:
             "agrees" if real.apart > 0.05 else "disagrees",
         ),
     )
-    time = np.arange(angle.size) * DT
-    follower = np.degrees(reached) / ratio
-    panels = [
-        Panel(
-            "The wearer moves the handle", "time [s]", "angle [deg]",
-            {
-                "handle": (time, np.degrees(angle)),
-                "PI follower, at the handle's scale": (time, follower, "--"),
-            },
-        ),
-        *(
-            Panel(
-                title, "time [s]", "torque [N m]",
-                {
-                    "wearer": (time, found.handle),
-                    "motor, times the ratio": (time, found.motor, "--"),
-                },
-            )
-            for found, title in (
-                (ideal, "Ideal follower: both give the same"),
-                (real, "PI follower: the wearer gives more"),
-            )
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"follower": panels})

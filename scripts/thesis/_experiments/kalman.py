@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis._outcome import Finding, Outcome, Panel, Progress
+from thesis._outcome import Finding
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -107,7 +107,7 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
     return float(np.mean(np.square(errors))), believed
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     matrix = transition_matrix()
     velocity = np.linspace(-0.05, 0.05, 20_001)
     curves = {
@@ -123,14 +123,13 @@ def run(progress: Progress) -> Outcome:
     widths = [half_width(velocity, curves[k, True]) * k for k in SHARPNESSES]
     levels = np.linspace(0.0, 0.3, 31)
     counts = np.array([changes_of_motion(level) for level in levels])
-    progress(0.6)
     eight = float(np.interp(8.0, counts, levels))
     right, believed = filter_error()
     wrong, believed_wrong = filter_error("(3.4)")
     _, diverged = filter_error("(3.7)")
     angle, scale = segment_constants()
     short = -scale * np.expm1(-angle)
-    claims = (
+    return (
         Finding(
             f"largest entry of F {np.max(np.abs(matrix)):.1g}, "
             f"{matrix.shape[0]} x {matrix.shape[1]}",
@@ -167,33 +166,3 @@ def run(progress: Progress) -> Outcome:
             "misprint",
         ),
     )
-    samples = np.arange(200)
-    truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples.size))
-    reading = truth + 0.05 * np.random.default_rng(3).standard_normal(samples.size)
-    panels = [
-        *(
-            Panel(
-                f"Derivative of u_2 by the last u_{node}", "segment velocity [m/s]",
-                "magnitude of the derivative",
-                {
-                    f"k = {k:.0f} s/m": (
-                        velocity, np.maximum(np.abs(curves[k, mean]), 1e-16)
-                    )
-                    for k in SHARPNESSES
-                },
-                "semilogy",
-            )
-            for mean, node in ((True, "2, mean velocity"), (False, "1, proximal one"))
-        ),
-        Panel(
-            "Motion starts and stops where the reading crosses 0.5", "sample",
-            "reading [share of the ramp]",
-            {"sensor, noise 5 %": (samples, reading), "truth": (samples, truth)},
-        ),
-        Panel(
-            "Changes of motion against noise; the truth has 2",
-            "standard deviation of the reading [% of the ramp]",
-            "mean number of changes", {"mean of 400 runs": (100.0 * levels, counts)},
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"kalman": panels})

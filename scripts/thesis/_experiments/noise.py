@@ -21,7 +21,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms, round_down_ratio
+from thesis._outcome import Finding, rms, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -206,16 +206,13 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
             "both, extrapolation at learnt noise": mended + noise,
         }
         for name in WEIGHTS:
-            fused, _ = fuse_correlated(error, covariance[name])
-            rows[name].append(rms(fused))
+            rows[name].append(rms(fuse_correlated(error, covariance[name])))
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     found = statistics()
-    progress(0.4)
     drifting = drift()
-    progress(0.8)
     weighted = weighted_errors()
     variance = DEVIATION**2
     error = found.free - variance
@@ -232,9 +229,8 @@ def run(progress: Progress) -> Outcome:
     span = float(np.max(drifting.true) / np.min(drifting.true))
     plain, both, ours = (weighted[WEIGHTS[i]] for i in (0, 3, 4))
     others = np.min([weighted[name] for name in WEIGHTS[:3]], axis=0)
-    progress(0.9)
     by_time, by_contrast = motion_error()
-    claims = (
+    return (
         Finding(
             f"largest mean error is {worst:.1f} standard errors; kept nonnegative, a "
             f"sensor without noise gets {pushed:.2g} N^2 at {LENGTHS[0]} samples",
@@ -269,39 +265,6 @@ def run(progress: Progress) -> Outcome:
             f"at the learnt noise: {_listed(ours)} N",
         ),
     )
-    variances = {}
-    deviations = {}
-    for column, node in enumerate(NODES):
-        middle = found.free[..., column].mean(axis=1)
-        variances[f"node {node + 1}"] = (LENGTHS, middle, "o-")
-        learnt, true = drifting.learnt[:, column], drifting.true[:, column]
-        deviations[f"node {node + 1}"] = (drifting.time, learnt)
-        deviations[f"node {node + 1}, true"] = (drifting.time, true, ":")
-    panels = [
-        Panel(
-            f"Estimated variance of 5 sensors ({RUNS} runs)",
-            "samples in the recording", "mean variance [N$^2$]", variances, "semilogx",
-        ),
-        Panel(
-            "Drifting noise, learnt while the cable moves", "time [s]",
-            "standard deviation [N]", deviations, "semilogy",
-        ),
-        Panel(
-            "Output error with drifting sensors, directions known", "weights",
-            "RMS error [N]", {"all samples in motion": (list(off), list(off.values()))},
-            "bar",
-        ),
-        Panel(
-            "Output error by weights, directions unknown", "movement of the cable",
-            "log10 of RMS error [N]",
-            {
-                name: (list(CONDITIONS), np.log10(values))
-                for name, values in weighted.items()
-            },
-            "bar",
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"noise": panels})
 
 
 def _listed(values: FloatArray) -> str:

@@ -13,8 +13,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
-from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress
+from thesis._outcome import Finding
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, STIFFNESS, drive
 
 DT = 0.005
@@ -68,45 +67,25 @@ def coverage() -> list[float]:
     return (hits / REPEATS).tolist()
 
 
-def valley(
-    trial: Measurement, frictions: FloatArray, pretensions: FloatArray
-) -> FloatArray:
-    """Return the RMS misfit over noise for every pair (pretensions, frictions)."""
-    found = np.empty((pretensions.size, frictions.size))
-    for row, pretension in enumerate(pretensions):
-        for column, friction in enumerate(frictions):
-            cable = CABLE.replace(
-                friction=float(friction), pretension=float(pretension)
-            )
-            errors = list(trial.residual(drive(cable)).values())
-            found[row, column] = np.sqrt(np.mean(np.square(errors)))
-    return found
-
-
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     """Fit, find unidentifiable parameters, and count how often intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
     fit = calibrate([trial], drive(INITIAL_GUESS), ("friction", "axial_stiffness"))
-    progress(0.15)
     both = calibrate(
         [trial], drive(INITIAL_GUESS), ("friction", "axial_stiffness", "wrap")
     )
-    progress(0.3)
     names = ("friction", "axial_stiffness", "pretension")
     taut = calibrate([trial], drive(INITIAL_GUESS), names)
-    progress(0.45)
     slack_trial = blocked_trial(CABLE, 2, peak=0.6)
     slack = calibrate([trial, slack_trial], drive(INITIAL_GUESS), names)
-    progress(0.6)
     friction_held, stiffness_held = coverage()
-    progress(0.9)
     static = [_static_fit(n) for n in (10, 40)]
     unknown = both.undetermined[0] if both.undetermined else "all determined"
     stiffness, friction = fit["axial_stiffness"], fit["friction"]
     low, high = stiffness.ci95
     traded = taut.correlation[0, 2]
-    claims = (
+    return (
         Finding(
             f"slope of the loop {naive:.0f} N/m; fit {stiffness.value / LENGTH:.0f} "
             f"[{low / LENGTH:.0f}, {high / LENGTH:.0f}], true "
@@ -138,34 +117,6 @@ def run(progress: Progress) -> Outcome:
             "disagrees" if static[1] > 1.2 * static[0] else "agrees",
         ),
     )
-    frictions = np.linspace(0.010, 0.022, 21)
-    pretensions = np.linspace(6.5, 15.5, 21)
-    least = [
-        valley(t, frictions, pretensions).min(axis=1) for t in (trial, slack_trial)
-    ]
-    angle, torque = trial.outputs["motor_angle"], trial.inputs["motor_torque"]
-    degrees, span = np.degrees(angle), np.array([angle.min(), angle.max()])
-    played = np.degrees(fit.transmission.replay(DT, **trial.inputs).motor_angle)
-    line = np.polyval(np.polyfit(angle, torque, 1), span)
-    panels = [
-        Panel(
-            "Output blocked", "motor angle [deg]", "motor torque [N m]",
-            {
-                "rig": (degrees, torque, "."), "fit": (played, torque),
-                "slope alone": (np.degrees(span), line, "--"),
-            },
-        ),
-        Panel(
-            f"Taut: a valley of equals; true {CABLE.pretension:g} N",
-            "pretension T0 [N]", "misfit over noise, at the best friction",
-            {
-                "taut": (pretensions, least[0], "o-"),
-                "slack at times": (pretensions, least[1], "o-"),
-            },
-            "semilogy",
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"parameters": panels})
 
 
 def _static_fit(segments: int) -> float:

@@ -13,19 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms
-from thesis.predecessors import (
-    Answer,
-    BristleChain,
-    Distributed,
-    LuGreChain,
-    LumpedMasses,
-    ModifiedBoucWen,
-    PassiveDistributed,
-    PublishedModel,
-    StaticCapstan,
-)
+from thesis._outcome import Finding, rms
 from thesis.predecessors._capabilities import (
     CABLE,
     CAPABILITY_TESTS,
@@ -35,6 +23,18 @@ from thesis.predecessors._capabilities import (
     find_capabilities,
     onset_pull,
 )
+from thesis.predecessors._models import (
+    Answer,
+    BristleChain,
+    Distributed,
+    LuGreChain,
+    LumpedMasses,
+    ModifiedBoucWen,
+    Motion,
+    PassiveDistributed,
+    PublishedModel,
+    StaticCapstan,
+)
 
 REFERENCE_SEGMENTS = 200  # segments of the model that the others are compared with
 
@@ -42,7 +42,6 @@ REFERENCE_SEGMENTS = 200  # segments of the model that the others are compared w
 class _Judged(NamedTuple):
     """One model: what it can show, how far off it is, what it costs."""
 
-    model: PublishedModel  # itself
     findings: dict[str, Capability]  # answer to every question
     answer: Answer  # to the drawn motion
     moving: float  # RMS error of the output tension while the output moves [N]
@@ -55,69 +54,53 @@ class _Judged(NamedTuple):
         return all(self.findings[question].able for question in questions)
 
 
-def motion() -> FloatArray:
-    """Return the motor displacement: strokes that shrink, 8 s [m]."""
+def strokes() -> Motion:
+    """Return strokes of the motor that shrink, 8 s, against a spring."""
     at = np.arange(0.0, 8.0, DT)
     size = onset_pull(CABLE) * np.interp(at, [0.0, 2.0, 8.0], [2.5, 2.5, 0.8])
-    return -size * np.sin(np.pi * at)
+    return Motion(DT, -size * np.sin(np.pi * at), SPRING)
 
 
-def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:
-    """Return all models, the package's last; Do's is fitted to 2 s of a recording."""
-    first = slice(0, round(2.0 / DT))
-    seen = Answer(*(part[first] for part in recorded))
-    return [
-        StaticCapstan(CABLE),
-        LumpedMasses(CABLE),
-        BristleChain(CABLE),
-        LuGreChain(CABLE),
-        ModifiedBoucWen.fitted(CABLE, DT, proximal[first], SPRING, seen),
-        PassiveDistributed(CABLE),
-        Distributed(CABLE),
-    ]
-
-
-def judge(
-    model: PublishedModel, proximal: FloatArray, truth: Answer, unit: float
-) -> _Judged:
+def judge(model: PublishedModel, motion: Motion, truth: Answer, unit: float) -> _Judged:
     """Test, compare and time a model; `unit` is the time of the kernel's step [s]."""
-    answer = model.replay(DT, proximal, SPRING)
+    answer = model.answer(motion)
     distal = answer.tension_distal - truth.tension_distal
     lost = answer.tension_proximal - truth.tension_proximal - distal
     moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
     return _Judged(
-        model, find_capabilities(model), answer, rms(distal[moves]),
-        rms(distal[~moves]), (rms(lost[moves]), rms(lost[~moves])),
-        cost(model, proximal) / unit,
+        find_capabilities(model), answer, rms(distal[moves]), rms(distal[~moves]),
+        (rms(lost[moves]), rms(lost[~moves])), cost(model, motion) / unit,
     )  # fmt: skip
 
 
-def cost(model: PublishedModel, proximal: FloatArray) -> float:
+def cost(model: PublishedModel, motion: Motion) -> float:
     """Return the time of one step, best of five, compiled beforehand [s]."""
     best = np.inf
     for _ in range(5):
         begin = time.perf_counter()
-        model.replay(DT, proximal, SPRING)
+        model.answer(motion)
         best = min(best, time.perf_counter() - begin)
-    return best / proximal.size
+    return best / motion.proximal.size
 
 
-def run(progress: Progress) -> Outcome:
-    proximal = motion()
-    truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).replay(
-        DT, proximal, SPRING
-    )
+def run() -> tuple[Finding, ...]:
+    motion = strokes()
+    truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).answer(motion)
     ours = Distributed(CABLE)
-    ours.replay(DT, proximal, SPRING)
-    unit = cost(ours, proximal)
-    asked = models(proximal, truth)
-    found = []
-    for place, model in enumerate(asked):
-        found.append(judge(model, proximal, truth, unit))
-        progress((place + 1) / len(asked))
-    by_type = {type(judged.model): judged for judged in found}
-    figures = {"capabilities": _capabilities(found), "motion": _motion(found, truth)}
-    return Outcome(_claims(by_type), figures)
+    ours.answer(motion)
+    unit = cost(ours, motion)
+    first = slice(0, round(2.0 / DT))  # what Do's model is fitted to
+    stroke, seen = motion.proximal[first], Answer(*(part[first] for part in truth))
+    models = (
+        StaticCapstan(CABLE),
+        LumpedMasses(CABLE),
+        BristleChain(CABLE),
+        LuGreChain(CABLE),
+        ModifiedBoucWen.fitted(CABLE, Motion(DT, stroke, SPRING), seen),
+        PassiveDistributed(CABLE),
+        ours,
+    )
+    return _claims({type(one): judge(one, motion, truth, unit) for one in models})
 
 
 def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
@@ -195,41 +178,3 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
             timed=True,
         ),
     )
-
-
-def _capabilities(found: list[_Judged]) -> list[Panel]:
-    names = [judged.model.name for judged in found]
-    able = {}
-    for number, question in enumerate(CAPABILITY_TESTS, start=1):
-        good = [j.model.name for j in found if j.shows(question)]
-        able[f"{number}: {question}"] = ([number] * len(good), good, "o")
-    numbers = {
-        "RMS error of the output in motion [N]": (
-            [j.moving for j in found],
-            names,
-            "o",
-        ),
-        "in partial motion [N]": ([j.starting for j in found], names, "s"),
-        "time of a step, ours is 1": ([j.cost for j in found], names, "x"),
-    }
-    return [
-        Panel("What each model of a cable can show", "question", "model", able),
-        Panel("How far off it is", "see the legend", "model", numbers, "semilogx"),
-    ]
-
-
-def _motion(found: list[_Judged], truth: Answer) -> list[Panel]:
-    reference = f"our model with {REFERENCE_SEGMENTS} segments"
-    return [
-        Panel(
-            judged.model.name, "tension at the motor [N]",
-            "tension at the output [N]",
-            {
-                reference: (truth.tension_proximal, truth.tension_distal),
-                f"with {CABLE.segments}": (
-                    judged.answer.tension_proximal, judged.answer.tension_distal
-                ),
-            },
-        )
-        for judged in found
-    ]  # fmt: skip

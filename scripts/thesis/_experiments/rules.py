@@ -21,7 +21,7 @@ from thesis._literal_solver import (
     sign_pattern_system,
     sign_patterns,
 )
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms
+from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -60,7 +60,7 @@ def null_point_error(
     rows = []
     for n in segments:
         cable = CABLE.replace(segments=n)
-        theirs = play(cable, u_proximal=ends[0], u_distal=ends[1])
+        theirs = play(cable, ends[0], ends[1])
         ours = _percent(_ends(_played(n, *ends)), exact)
         work = friction_work(theirs.tension, theirs.displacement)
         fed = -np.sum(work[work < 0.0]) / np.sum(np.abs(work))
@@ -110,10 +110,7 @@ def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
             replay(cable, DT, u_proximal=pull, u_distal=still).tension_proximal
             for cable in (plain, rule, slow)
         ]
-        theirs = [
-            play(cable, u_proximal=pull, u_distal=still).tension[:, 0]
-            for cable in (plain, rule)
-        ]
+        theirs = [play(cable, pull, still).tension[:, 0] for cable in (plain, rule)]
         rows.append([rms(a - b) for a, b in (theirs, ours[:2], (ours[0], ours[2]))])
     return Static(*np.array(rows).T)
 
@@ -152,7 +149,7 @@ def slack_error(segments: int = 20) -> float:
     """Return the difference of thesis and kernel with slack (2.1.1.2) [%]."""
     pull = -0.015 * np.sin(np.linspace(0.0, 4.0 * np.pi, SAMPLES))
     still = np.zeros_like(pull)
-    theirs = play(CABLE.replace(segments=segments), u_proximal=pull, u_distal=still)
+    theirs = play(CABLE.replace(segments=segments), pull, u_distal=still)
     return _percent(theirs.tension[:, [0, -1]], _ends(_played(segments, pull, still)))
 
 
@@ -161,7 +158,7 @@ def front_speed(segments: int) -> float:
     pull = -0.02 * np.arange(1.0, segments)
     cable = CABLE.replace(segments=segments)
     still = np.zeros_like(pull)
-    slow = play(cable, u_proximal=pull, u_distal=still, resolve=False)
+    slow = play(cable, pull, still, resolve=False)
     return float(np.max(np.diff(slow.last_moving[:, 0])))
 
 
@@ -171,12 +168,10 @@ def distal_rule_as_printed(pulls: FloatArray) -> int:
     return int(np.count_nonzero(1.0 >= pulls * np.exp(angle)))
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     """Play every doubtful case."""
     null = null_point_error()
-    progress(0.6)
     static = static_effect()
-    progress(0.8)
     one_sided, mean = one_sided_velocity()
     slack, speed = slack_error(), front_speed(12)
     pulls = np.geomspace(1.001, 1000.0, 200)
@@ -185,7 +180,7 @@ def run(progress: Progress) -> Outcome:
     fall = static.thesis_solver[0] / static.thesis_solver[-1]
     spread = np.max(static.memory) / np.min(static.memory) - 1.0
     none, fed = null.contradicted, np.max(null.fed)
-    findings = (
+    return (
         Finding(
             f"none is in {np.min(none):.0%} to {np.max(none):.0%} of the steps of an "
             f"opposed pull, N = {SEGMENTS[0]} to {n}; elsewhere one is",
@@ -218,47 +213,6 @@ def run(progress: Progress) -> Outcome:
             "agrees" if slack < 1.0 else "in part",
         ),
     )
-    ends, step = pull_both_ends(SAMPLES), np.arange(SAMPLES)
-    fine = _played(FINE_SEGMENTS, *ends).tension_proximal
-    theirs = play(CABLE.replace(segments=n), u_proximal=ends[0], u_distal=ends[1])
-    panels = [
-        Panel(
-            "Both ends pulled apart and let go, three times", "time step",
-            "tension at the motor end [N]",
-            {
-                f"our kernel, {FINE_SEGMENTS} segments": (step, fine),
-                f"thesis's rules, {n} segments": (step, theirs.tension[:, 0]),
-            },
-        ),
-        Panel(
-            "Its error against the mesh", "number of segments",
-            "RMS error [% of largest tension]",
-            {
-                "thesis's rules": (SEGMENTS, null.thesis_solver, "o-"),
-                "our kernel": (SEGMENTS, null.kernel, "o-"),
-            },
-            "loglog",
-        ),
-        Panel(
-            "Where no sign pattern is consistent", "number of segments", "share [%]",
-            {
-                "steps that no pattern fits": (SEGMENTS, 100.0 * none),
-                "friction work fed in": (SEGMENTS, 100.0 * null.fed),
-            },
-            "bar",
-        ),
-        Panel(
-            "Effect of static friction, output locked", "number of segments",
-            "RMS change of motor-end tension [N]",
-            {
-                "rule 2.17, thesis's solver": (SEGMENTS, static.thesis_solver, "o-"),
-                "rule 2.17, our kernel": (SEGMENTS, static.kernel, "o-"),
-                "break-away over 1 mm, our kernel": (SEGMENTS, static.memory, "o-"),
-            },
-            "loglog",
-        ),
-    ]  # fmt: skip
-    return Outcome(findings, {"rules": panels})
 
 
 def _percent(ends: FloatArray, exact: FloatArray) -> float:

@@ -17,7 +17,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms
+from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
 
 SEGMENTS = 10
@@ -141,10 +141,9 @@ def rest_drift(run: _Run) -> float:
     return float(np.max(np.abs(np.diff(error)[still])))
 
 
-def run(progress: Progress) -> Outcome:
-    """Reproduce Figs. 3.4, 3.5 and 3.6."""
+def run() -> tuple[Finding, ...]:
+    """Reproduce Figs. 3.5 and 3.6."""
     grid = error_grid()
-    progress(0.6)
     series = ramps()
     excess = excess_of_mean(CABLE)
     mild = excess_of_mean(RECONCILED_CABLE.replace(segments=SEGMENTS))
@@ -165,7 +164,7 @@ def run(progress: Progress) -> Outcome:
     held, averaged = (
         rms((each - series.truth)[still]) for each in (series.mean, series.best)
     )
-    claims = (
+    return (
         Finding(
             f"its error at the output is {excess - 1.0:.0%} above that of inverse-"
             f"variance weights (Table 2.2; {mild - 1.0:.1%} with mu = "
@@ -193,42 +192,3 @@ def run(progress: Progress) -> Outcome:
             "better" if drift < 1e-9 and averaged < held else "in part",
         ),
     )
-    counts = np.arange(1, SEGMENTS + 2)
-    curves = {}
-    for row, noisy in enumerate(NOISE_LEVELS):
-        curves[f"mean, noise {100 * noisy:g} %"] = (counts, grid.mean[row], "o-")
-        weighted = (counts, grid.weighted[row], "--")
-        curves[f"by variance, noise {100 * noisy:g} %"] = weighted
-    panels = [
-        _instant(),
-        Panel(
-            "Error at the output, mean of 10,000 simulations each", "number of sensors",
-            "absolute error [% of output tension]", curves, "semilogy",
-        ),
-        Panel(
-            "Output tension, pulled and let go twice", "time [s]", "output tension [N]",
-            {
-                "mean of 11": (series.time, series.mean),
-                "weighted, averaged on at rest": (series.time, series.best),
-                "truth": (series.time, series.truth),
-            },
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"sensors": panels})
-
-
-def _instant() -> Panel:
-    """Return Fig. 3.4."""
-    _, gain, truth = pulled_state(CABLE)
-    random = np.random.default_rng(34)
-    reading = truth + NOISE * random.normal(size=truth.size)
-    nodes = np.arange(truth.size) + 1
-    spread = np.full(truth.size, NOISE)
-    return Panel(
-        f"11 sensors with {NOISE:g} N noise", "node, from the motor", "tension [N]",
-        {
-            "readings": (nodes, reading, "o"), "truth": (nodes, truth, "."),
-            "mean of all": (nodes, fuse(reading, gain, spread, "mean").tension, "--"),
-            "weighted by variance": (nodes, fuse(reading, gain, spread).tension),
-        },
-    )  # fmt: skip

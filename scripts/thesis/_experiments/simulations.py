@@ -26,7 +26,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._formulas import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing, rms
+from thesis._outcome import Finding, Verdict, rms
 from thesis._rig import PRINTED_CABLE
 
 PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
@@ -102,34 +102,12 @@ def track(device: Drive, law: control.Controller) -> _Tracked:
     )  # fmt: skip
 
 
-def tracking(progress: Progress) -> Outcome:
+def tracking() -> tuple[Finding, ...]:
     table = math.exp(PRINTED_CABLE.friction * PRINTED_CABLE.wrap)
     devices = [one_cable(growth) for growth in (TENSION_RATIO, table)]
     cases = [(device, *case) for device in devices for case in schemes(device).items()]
-    found = [
-        (name, track(device, law)) for device, name, law in passing(cases, progress)
-    ]
-    time, wanted = desired_tension()
-    implied, hard = dict(found[:6]), dict(found[6:])
-    panels = [
-        Panel(
-            title, "time [s]", "tension [N]",
-            {"desired": (time[shown], wanted[shown], "--")}
-            | {name: (time[shown], r.tension[shown]) for name, r in implied.items()},
-        )
-        for title, shown in (
-            ("Output tension, six schemes", slice(None)),
-            ("Without a model the output lags", slice(20_000, 24_000)),
-            ("When the controllers begin", slice(0, 150)),
-        )
-    ]  # fmt: skip
-    errors = {
-        name: (time, np.maximum(np.abs(row.tension / wanted - 1.0), 1e-6))
-        for name, row in implied.items()
-    }
-    title = "Error, share of the desired tension"
-    panels.append(Panel(title, "time [s]", "error [1]", errors, "semilogy"))
-    return Outcome(_tracking_findings(implied, hard), {"tracking": panels})
+    found = [(name, track(device, law)) for device, name, law in cases]
+    return _tracking_findings(dict(found[:6]), dict(found[6:]))
 
 
 def _tracking_findings(
@@ -235,7 +213,7 @@ def render(device: Drive, law: control.Controller) -> _Rendered:
     )  # fmt: skip
 
 
-def spring(progress: Progress) -> Outcome:
+def spring() -> tuple[Finding, ...]:
     device = pull_pull()
     laws = {
         "feedback": control.Feedback(device),
@@ -245,25 +223,7 @@ def spring(progress: Progress) -> Outcome:
             device, settling=0.0
         ),
     }
-    found = {name: render(device, laws[name]) for name in passing([*laws], progress)}
-    time, angle = motion()
-    wanted = -STIFFNESS * angle
-
-    def panel(title: str, x: FloatArray, label: str, shown: FloatArray) -> Panel:
-        curves = {"spring": (x[shown], wanted[shown], "--")}
-        curves |= {name: (x[shown], row.torque[shown]) for name, row in found.items()}
-        return Panel(title, label, "torque [N m]", curves)
-
-    always = np.ones(time.size, dtype=bool)
-    around = np.abs(time - DEFLECTION_TIME - 0.3) < 0.5
-    errors = {name: (time, row.torque - wanted) for name, row in found.items()}
-    panels = [
-        panel("Torque at the joint", time, "time [s]", always),
-        panel("Torque against angle", angle, "angle [rad]", always),
-        panel("The reversal", time, "time [s]", around),
-        Panel("Error", "time [s]", "torque [N m]", errors, limits=(-0.2, 0.2)),
-    ]
-    return Outcome(_spring_findings(*found.values()), {"spring": panels})
+    return _spring_findings(*(render(device, law) for law in laws.values()))
 
 
 def _spring_findings(

@@ -18,7 +18,7 @@ from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray, compiled
 from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
-from thesis._outcome import Finding, Outcome, Panel, Progress, passing, round_down_ratio
+from thesis._outcome import Finding, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 
 SEGMENTS = (1, 2, 3, 5, 8, 12, 20, 30, 50, 75, 100)
@@ -39,7 +39,7 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     """Time the three solvers side by side; the kernel makes 100 times the `steps`."""
     cable = CABLE.replace(segments=segments)
     drag = np.linspace(0.0, 0.2, 500)
-    before = play(cable, u_proximal=drag, u_distal=drag + np.minimum(drag, 0.03))
+    before = play(cable, drag, drag + np.minimum(drag, 0.03))
     at = np.arange(1, 100 * steps + 1) * DT
     proximal = drag[-1] + 0.05 * at
     distal = drag[-1] + 0.03 + 0.05 * at + 0.002 * np.sin(6.0 * at)
@@ -65,30 +65,14 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     guess = np.concatenate([before.tension[-1], before.displacement[-1]])
     begin = time.thread_time()
     for constraints in measured[:general_steps]:
-        *found_nodes, _ = by_fsolve(mesh, guess[segments + 1 :], constraints, guess)
-        guess = np.concatenate(found_nodes)
+        guess = by_fsolve(mesh, guess[segments + 1 :], constraints, guess)
     general = (time.thread_time() - begin) / general_steps
     return Costs(ours, enumeration, general, apart)
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     costs(2, steps=5, general_steps=2)  # compiles and warms up
-    found = {n: costs(n) for n in passing(SEGMENTS, progress)}
-    labels = {
-        "fsolve": "fsolve, from the last solution",
-        "enumeration": "sign enumeration (thesis)",
-        "kernel": "our kernel",
-    }
-    curves = {
-        label: (SEGMENTS, [1e3 * getattr(row, name) for row in found.values()], "o-")
-        for name, label in labels.items()
-    }
-    curves["one period of a 1 kHz loop"] = (SEGMENTS, np.ones(len(SEGMENTS)), "--")
-    times = Panel(
-        "Time of one solution, every segment slipping", "number of segments",
-        "time [ms]", curves, "loglog",
-    )  # fmt: skip
-    return Outcome(_findings(found), {"solution_time": [times]})
+    return _findings({n: costs(n) for n in SEGMENTS})
 
 
 @compiled

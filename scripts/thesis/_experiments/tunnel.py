@@ -21,7 +21,7 @@ from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrat
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._formulas import signal_lag
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Finding, Outcome, Panel, Progress, rms
+from thesis._outcome import Finding, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive
 
 DT = 2e-3
@@ -123,26 +123,22 @@ def binned(
     return np.array(mean), np.array(size)
 
 
-def run(progress: Progress) -> Outcome:
+def run() -> tuple[Finding, ...]:
     """Record, compare, bin by velocity, then add terms to the model itself."""
     recording = record(RIG)
     found = residual(recording)
-    progress(0.1)
     scan = []
     for stribeck in (0.0, 0.01, 0.02, 0.03, 0.04):
         cable = RIG.replace(stribeck_friction=stribeck)
         other = residual(record(cable, 12.0))
         scan.append((stribeck, rms(other.before), rms(other.after), other.removed))
-    progress(0.3)
     start = COULOMB.replace(viscous_friction=2.0)
     viscous = refit(recording, ("friction", "viscous_friction"), start)
-    progress(0.5)
     names = ("friction", "viscous_friction", "stribeck_friction", "stribeck_speed")
     start = RIG.replace(
         friction=0.02, viscous_friction=3.0, stribeck_friction=0.01, stribeck_speed=0.01
     )
     full = refit(recording, names, start)
-    progress(0.9)
     by_viscous = rms(residual(recording, viscous.transmission.cables[0]).before)
     by_full = rms(residual(recording, full.transmission.cables[0]).before)
     speed = np.abs(recording.handle_velocity)
@@ -155,7 +151,7 @@ def run(progress: Progress) -> Outcome:
         signal_lag(recording.time, recording.handle_torque, found.torque),
     )
     phase = 360.0 * late / PERIOD
-    claims = (
+    return (
         Finding(
             f"{rms(found.before):.2f} to {rms(found.after):.2f} N m, "
             f"{found.removed:.0%} less",
@@ -190,49 +186,3 @@ def run(progress: Progress) -> Outcome:
             "agrees",
         ),
     )
-    degrees = np.degrees(recording.handle_angle)
-    late, order = recording.time > 6.0, np.argsort(degrees)
-    shown = late & (recording.time < 12.0)
-    ideal = drive(COULOMB).ratio * recording.motor_torque
-    edges = np.linspace(-1.5, 1.5, 26)
-    centres = 0.5 * (edges[1:] + edges[:-1])
-    hidden, before, after, _ = np.array(scan).T
-    torque = "handle torque [N m]"
-    panels = [
-        Panel(
-            "The tunnel as designed and as rendered", "handle angle [deg]", torque,
-            {
-                "rig": (degrees[late], recording.handle_torque[late]),
-                "Coulomb model": (degrees[late], found.torque[late]),
-                "tunnel as designed, times the ratio": (degrees[order], ideal[order]),
-            },
-        ),
-        Panel(
-            "The same over time", "time [s]", torque,
-            {
-                "rig": (recording.time[shown], recording.handle_torque[shown]),
-                "Coulomb model": (recording.time[shown], found.torque[shown], "--"),
-            },
-        ),
-        Panel(
-            "Residual of the Coulomb model against velocity", "handle velocity [rad/s]",
-            "measured less modelled torque [N m]",
-            {
-                label: (centres, binned(recording.handle_velocity, error, edges)[0])
-                for label, error in (
-                    ("mean residual", found.before),
-                    ("less the linear term", found.after),
-                )
-            } | {"linear term": (centres, found.slope * centres, "--")},
-        ),
-        Panel(
-            "Stribeck friction that the rig must hide",
-            "Stribeck friction of the rig [1]", "RMS error [N m]",
-            {
-                "Coulomb model": (hidden, before, "o-"),
-                "less the linear term": (hidden, after, "o-"),
-            },
-            limits=(0.0, None),
-        ),
-    ]  # fmt: skip
-    return Outcome(claims, {"tunnel": panels})

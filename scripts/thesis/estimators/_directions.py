@@ -1,29 +1,19 @@
-r"""Directions of slip by every sensor on its own, and those that all agree on.
+r"""Directions of slip by every sensor on its own, and those that all agree on (3.2.2).
 
-    own = own_solutions(mesh, before, u_proximal, reading, sensors.on(cable))
-    pattern = majority_directions(own.pattern)
-
-3.2.2 of the thesis: without directions each sensor solves the cable by itself. Given
-the encoder's displacement of the proximal end and the tension at its node, a sign
-pattern decides all tensions (2.10) and, by the stretch from the encoder on (2.12), all
-displacements; it stands if every segment then moves as assumed (2.25), compared with
-the displacements of the estimate before. All sensors start from the same estimate
-before, the fused one.
+Without directions each sensor solves the cable by itself. Given the encoder's
+displacement of the proximal end and the tension at its node, a sign pattern decides all
+tensions (2.10) and, by the stretch from the encoder on (2.12), all displacements; it
+stands if every segment then moves as assumed (2.25), compared with the displacements of
+the estimate before. All sensors start from the same estimate before, the fused one.
 
 The system 2.13 with these two constraints is triangular, so it is solved here by
-running sums for all sensors, patterns and instants at once;
-`thesis._literal_solver` solves it with matrices, to the same numbers.
-
-How reliable such a solution is at other nodes (Fig. 3.8):
-
-    moment = Moment.of(mesh, CONDITIONS["towards distal"](10), tension=50, motion=5e-4)
-    error = own_errors(mesh, moment, sensors, samples=1000, seed=0)
-    excess = excess_moment(mesh, moment, sensors, error)          # of the model
-    fuse_correlated(estimates, excess[-1] + np.diag(noise_at_output))  # and sensors
+running sums for all sensors, patterns and instants at once; `thesis._literal_solver`
+solves it with matrices, to the same numbers.
 
 A sensor that does not know the directions of slip carries its reading to another node
-by directions that its own noise has bent. The error of that comes on top of the carried
-noise itself. Both together weight the sensors at each node: generalised least squares.
+by directions that its own noise has bent (Fig. 3.8). The error of that comes on top of
+the carried noise itself. Both together weight the sensors at each node: generalised
+least squares.
 
 Motion here means one instant of a cable that moves as a whole. Of the four conditions
 two are uniform; in the other two the ends move in opposite directions and the middle
@@ -33,7 +23,7 @@ stands still: away from each other (stretching) or towards each other (compressi
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,12 +41,9 @@ class OwnSolutions(NamedTuple):
     """The solution of the cable by each sensor alone."""
 
     tension: FloatArray  # of the nodes (..., m, n + 1) [N]
-    displacement: FloatArray  # of the nodes (..., m, n + 1) [m]
     pattern: FloatArray  # directions of the segments (..., m, n)
     # how many sign patterns are consistent (..., m); the first one stands
     fitting: NDArray[np.intp]
-    # motion against the assumed direction (..., m) [m], 0 where a pattern is consistent
-    contradiction: FloatArray
 
 
 def node_displacements(
@@ -95,13 +82,10 @@ def own_solutions(
     moved = u - np.asarray(before, dtype=float)[..., None, None, :]
     wrong = np.sum(_opposed_motion(patterns, moved), axis=-1)
     best = np.argmin(wrong, axis=-1)
-    pick = best[..., None, None]
     return OwnSolutions(
-        tension=np.take_along_axis(tension, pick, axis=-2)[..., 0, :],
-        displacement=np.take_along_axis(u, pick, axis=-2)[..., 0, :],
+        tension=np.take_along_axis(tension, best[..., None, None], -2)[..., 0, :],
         pattern=patterns[best],
         fitting=np.count_nonzero(wrong == 0.0, axis=-1),
-        contradiction=np.take_along_axis(wrong, best[..., None], axis=-1)[..., 0],
     )
 
 
@@ -251,21 +235,10 @@ def excess_moment(
     return np.einsum("kia,ka,kja->kij", vector, np.maximum(value, 0.0), vector)
 
 
-def fuse_correlated(
-    estimates: ArrayLike, covariance: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Fuse estimates (..., m) of one tension by generalised least squares.
-
-    Returns the tension (...,) [N] and the weights (m,), which add up to 1.
-    """
-    values, covariance = np.asarray(estimates, float), np.asarray(covariance, float)
-    weight = np.linalg.solve(covariance, np.ones(values.shape[-1]))
-    weight /= np.sum(weight)
-    return values @ weight, weight
-
-
-Choice = Literal["vote", "likeliest"]
-"""Method to find directions in mass motion: a vote, or all readings at once."""
+def fuse_correlated(estimates: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Fuse estimates (..., m) of one tension by generalised least squares [N]."""
+    weight = np.linalg.solve(covariance, np.ones(estimates.shape[-1]))
+    return estimates @ (weight / np.sum(weight))
 
 
 class SensorConsensus:
@@ -301,17 +274,17 @@ class SensorConsensus:
         cable: Cable,
         sensors: Sensors,
         *,
-        choice: Choice = "vote",
+        likeliest: bool = False,
         threshold: float = 3.0,
     ) -> None:
         """Start at rest in the pretension of a cable without friction but Coulomb's.
 
-        The choice `"vote"` takes the most common directions, as the thesis does,
-        `"likeliest"` those that explain all readings together best. By `threshold` of
-        its standard deviations a reading must differ from the estimate to tell of
-        motion while the encoder does not; 0 as the thesis.
+        It takes the most common directions, as the thesis does, or the `likeliest`,
+        those that explain all readings together best. By `threshold` of its standard
+        deviations a reading must differ from the estimate to tell of motion while the
+        encoder does not; 0 as the thesis.
         """
-        self.threshold, self.choice = threshold, choice
+        self.threshold, self.likeliest = threshold, likeliest
         self.mesh = mesh = Mesh.of(cable)
         self.noise, self._nodes = np.array(sensors.deviation), sensors.on(cable)
         self.tension = np.full(mesh.segments + 1, float(cable.pretension))
@@ -349,7 +322,7 @@ class SensorConsensus:
         """Solve mass motion by consensus directions and one matrix for all sensors."""
         known = (self.mesh, self.displacement, u_proximal, reading, self._nodes)
         last = self.direction
-        if self.choice == "likeliest":
+        if self.likeliest:
             self.direction = likeliest_pattern(*known, self.noise, first=last)
         else:
             self.direction = majority_directions(

@@ -1,24 +1,20 @@
-"""Interface of a cable model: a recorded motion in, both end tensions out.
+"""Cable models that came before, and ours, behind one interface.
 
     model = Distributed(cable)                     # or a published model
-    answer = model.replay(1e-3, u_proximal, EndSpring(stiffness=500.0, preload=10.0))
+    answer = model.answer(Motion(1e-3, u_proximal, stiffness=500.0))
     answer.tension_proximal, answer.tension_distal
 
 Every model is made from the same `Cable`. Displacements are positive towards distal and
-count from rest in the pretension. A model that cannot do what is requested raises
-`CableError` with the reason.
+count from rest in the pretension.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from cc_mujoco.cable import Cable, rest_state
@@ -26,31 +22,42 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._layout import tensions
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tracks import wrap_angles
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 
-@dataclass(frozen=True)
-class Locked:
-    """The distal end does not move."""
+class Motion(NamedTuple):
+    """Motion of the proximal end from rest, and what is at the distal one."""
 
+    dt: float  # time between samples [s]
+    proximal: FloatArray  # displacement of the proximal end (samples,) [m], 0 at first
+    # of a spring at the distal end, which rests in the pretension; infinite where that
+    # end is held or moved [N/m]
+    stiffness: float = math.inf
+    moved: FloatArray | None = None  # displacement of a moved distal end (samples,) [m]
+    start: FloatArray | None = None  # tension profile at first (segments + 1,) [N]
+    factor: FloatArray | None = None  # of all wrap angles (samples,)
 
-@dataclass(frozen=True)
-class EndSpring:
-    """A spring pulls the distal end, which rests at the preload."""
+    @property
+    def distal(self) -> FloatArray:
+        """Return the displacement of a moved distal end, else 0 (samples,) [m]."""
+        return np.zeros(self.proximal.size) if self.moved is None else self.moved
 
-    stiffness: float  # [N/m]
+    @property
+    def wrap(self) -> FloatArray:
+        return np.ones(self.proximal.size) if self.factor is None else self.factor
 
+    def profile(self, cable: Cable) -> FloatArray:
+        if self.start is None:
+            return np.full(cable.segments + 1, cable.pretension)
+        return self.start.copy()
 
-@dataclass(frozen=True)
-class Moved:
-    """Someone moves the distal end, whatever the tension."""
-
-    displacement: FloatArray  # recorded (samples,) [m]
-
-
-Environment = Locked | EndSpring | Moved
+    @property
+    def directions(self) -> FloatArray:
+        """Sign of the motion, at rest the last one, 0 before any (samples,)."""
+        direction = np.sign(np.diff(self.proximal + self.distal, prepend=0.0))
+        there = np.where(direction != 0, np.arange(direction.size), 0)
+        return direction[np.maximum.accumulate(there)]
 
 
 class Answer(NamedTuple):
@@ -61,92 +68,19 @@ class Answer(NamedTuple):
     u_distal: FloatArray  # displacement of the distal end [m]
 
 
-Asked = Literal[
-    "a locked output", "a moved output", "a tension profile", "bends that change"
-]
-"""Requests that not every model can fulfil."""
-
-
-class ReplayedMotion(NamedTuple):
-    """A motion to simulate, checked and with defaults filled in."""
-
-    dt: float  # time between samples [s]
-    proximal: FloatArray  # displacement of the proximal end (samples,) [m]
-    # that of the distal end where someone moves it, else 0 (samples,) [m]
-    moved: FloatArray
-    stiffness: float  # of the spring at the distal end, infinite without one [N/m]
-    start: FloatArray  # tension at the nodes at first (segments + 1,) [N]
-    factor: FloatArray  # of all wrap angles (samples,)
-
-    @property
-    def directions(self) -> FloatArray:
-        """Sign of the motion, at rest the last one, 0 before any (samples,)."""
-        direction = np.sign(np.diff(self.proximal + self.moved, prepend=0.0))
-        there = np.where(direction != 0, np.arange(direction.size), 0)
-        return direction[np.maximum.accumulate(there)]
-
-
 class PublishedModel(ABC):
     """A model of one cable; subclasses are one published model each."""
 
     name: ClassVar[str]  # who published it
-    refuses: ClassVar[Mapping[Asked, str]] = {}  # what it cannot take, and why
+    refuses: ClassVar[frozenset[str]] = frozenset()  # optional fields of `Motion`
 
     def __init__(self, cable: Cable) -> None:
         """Take length, stiffness, bends, friction and pretension from a cable."""
         self.cable = cable
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """Play a motion of the proximal end (samples,) [m], 0 at first, from rest.
-
-        Samples are `dt` apart [s]. Nodes begin with `initial_tension` (segments + 1,)
-        [N], by default the uniform pretension; `wrap_scale` (samples,) multiplies all
-        wrap angles.
-        """
-        asked: dict[Asked, bool] = {
-            "a locked output": isinstance(environment, Locked),
-            "a moved output": isinstance(environment, Moved),
-            "a tension profile": initial_tension is not None,
-            "bends that change": wrap_scale is not None,
-        }
-        for what, why in self.refuses.items():
-            if asked[what]:
-                raise CableError(f"{self.name} cannot take {what}: {why}")
-        proximal = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        samples, nodes = proximal.size, self.cable.segments + 1
-        stiffness, moved = np.inf, np.zeros(samples)
-        if isinstance(environment, EndSpring):
-            stiffness = environment.stiffness
-        elif isinstance(environment, Moved):
-            moved = _sized("the distal motion", environment.displacement, samples)
-        start, factor = np.full(nodes, self.cable.pretension), np.ones(samples)
-        if initial_tension is not None:
-            start = _sized("the initial tension", initial_tension, nodes)
-        if wrap_scale is not None:
-            factor = _sized("the factor of the wrap angles", wrap_scale, samples)
-        return self.answer(
-            ReplayedMotion(dt, proximal, moved, stiffness, start, factor)
-        )
-
     @abstractmethod
-    def answer(self, motion: ReplayedMotion) -> Answer:
+    def answer(self, motion: Motion) -> Answer:
         """Return the tensions for a motion without anything that the model refuses."""
-
-
-def _sized(name: str, values: ArrayLike, size: int) -> FloatArray:
-    """Return the values as an array of their own, if they are as many as they must."""
-    given = np.array(values, dtype=np.float64)
-    if given.shape != (size,):
-        raise CableError(f"{name} has shape {given.shape}; it must be ({size},)")
-    return given
 
 
 class StaticCapstan(PublishedModel):
@@ -158,16 +92,15 @@ class StaticCapstan(PublishedModel):
     """
 
     name = "static capstan ratio"
-    refuses: ClassVar = {"a tension profile": "it has one tension, not many"}
+    refuses = frozenset({"start"})  # it has one tension, not many
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
-        proximal, moved, stiffness = motion.proximal, motion.moved, motion.stiffness
-        cable = self.cable
-        wrap = cable.friction * cable.wrap * motion.factor
+    def answer(self, motion: Motion) -> Answer:
+        cable, proximal, stiffness = self.cable, motion.proximal, motion.stiffness
+        wrap = cable.friction * cable.wrap * motion.wrap
         ratio = np.exp(wrap * motion.directions)
         own = cable.axial_stiffness / cable.length
         if np.isinf(stiffness):
-            distal = moved
+            distal = motion.distal
         else:  # ratio (T0 + K (far - near)) = T0 - k far
             distal = (cable.pretension * (1.0 - ratio) + ratio * own * proximal) / (
                 ratio * own + stiffness
@@ -188,23 +121,15 @@ class LumpedMasses(PublishedModel):
     """
 
     name = "Kaneko, lumped masses"
-    refuses: ClassVar = {
-        "a moved output": "its environment must be a spring",
-        "a tension profile": "pretension is one number",
-        "bends that change": "its stiffness is set once",
-    }
+    # its environment is a spring, pretension one number, and stiffness set once
+    refuses = frozenset({"moved", "start", "factor"})
+    line_density = 2.5e-3  # of a steel rope of 0.75 mm [kg/m]
 
-    def __init__(
-        self, cable: Cable, masses: int = 10, line_density: float = 2.5e-3
-    ) -> None:
-        """Choose the number of masses, and the mass per length [kg/m].
-
-        A steel rope of 0.75 mm has 2.5e-3.
-        """
+    def __init__(self, cable: Cable, masses: int = 10) -> None:
         super().__init__(cable)
-        self.masses, self.line_density = masses, line_density
+        self.masses = masses
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
+    def answer(self, motion: Motion) -> Answer:
         proximal, stiffness = motion.proximal, motion.stiffness
         # A chain for either way of moving.
         systems = [self._system(motion.dt, sign, stiffness) for sign in (-1.0, 1.0)]
@@ -214,7 +139,7 @@ class LumpedMasses(PublishedModel):
         for place, way in zip(proximal.tolist(), (direction > 0).tolist(), strict=True):
             step, gain = systems[way]
             state = gain * place + step @ state
-            stretch.append(state[n - 1] - (state[n - 2] if n > 1 else place))
+            stretch.append(state[n - 1] - state[n - 2])
             last.append(state[n - 1])
         now = np.where(direction > 0, self._spring(1.0), self._spring(-1.0))
         distal = np.array(last) if np.isfinite(stiffness) else np.zeros(proximal.size)
@@ -262,24 +187,24 @@ class Distributed(PublishedModel):
 
     name = "this package"
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
+    def answer(self, motion: Motion) -> Answer:
         cable = self.cable
         out = np.empty((3, motion.proximal.size))
         # Arms of one, so that an angle is a displacement, a torque a tension.
         cables = stepper.make_cables((cable,), (1.0,), (-1.0,))
         values, sections = np.array(cable.scalars), np.array(cable.conduit, float)
         n, prm, dt = cables.n[0], cables.prm[0], motion.dt
-        state = rest_state(cable, motion.start)[None]
+        state = rest_state(cable, motion.profile(cable))[None]
         new, work = state.copy(), np.empty(kernel.work_size(n))
-        changing = bool(np.any(motion.factor != 1.0))
+        moved, factor = motion.distal, motion.factor
         bent, rest, distal = sections.copy(), max(tensions(state[0], n)[n], 0.0), 0.0
         for row, proximal in enumerate(motion.proximal):
-            if changing:
-                bent[:, 1] = sections[:, 1] / motion.factor[row]
+            if factor is not None:
+                bent[:, 1] = sections[:, 1] / factor[row]
                 kernel.pack(values, bent, n, prm)
                 kernel.expect_change(prm)
             if np.isinf(motion.stiffness):
-                distal = motion.moved[row]
+                distal = moved[row]
                 stepper.move(cables, state, proximal, -distal, dt, new, work)
             else:
                 load = stepper.Load(rest, motion.stiffness, -np.inf, np.inf)
@@ -304,11 +229,9 @@ class PassiveDistributed(PublishedModel):
     """
 
     name = "Agrawal, one-directional"
-    refuses: ClassVar = {
-        "a moved output": "its tension must be a function of its place"
-    }
+    refuses = frozenset({"moved"})  # the tension must be a function of its place
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
+    def answer(self, motion: Motion) -> Answer:
         cable = self.cable
         n = cable.segments
         share = node_lengths(cable) / cable.axial_stiffness
@@ -316,8 +239,8 @@ class PassiveDistributed(PublishedModel):
         share[n] += compliance  # the spring follows the last node
         out = np.empty((3, motion.proximal.size))
         _play(
-            motion.proximal, cable.friction * wrap_angles(cable), share, motion.start,
-            compliance, motion.factor, np.empty(n + 1), out,
+            motion.proximal, cable.friction * wrap_angles(cable), share,
+            motion.profile(cable), compliance, motion.wrap, np.empty(n + 1), out,
         )  # fmt: skip
         return Answer(*out)
 
@@ -401,7 +324,6 @@ def _front(
 class Bristle(NamedTuple):
     # displacement over which friction builds up, F_c / sigma_0 [m]
     length: float = 2e-5
-    exponent: float = 1.0  # delta_D of Dahl's law
     excess: float = 0.0  # of static over kinetic friction, relative (LuGre)
     stribeck_speed: float = 1e-3  # over which the excess fades [m/s] (LuGre)
     damping: float = 0.0  # of the bristles, sigma_1 over sigma_0 [s] (LuGre)
@@ -429,7 +351,7 @@ class BristleChain(PublishedModel):
     stiffness that depends on direction. Dahl's law bends friction F from sticking to
     sliding as the cable moves,
 
-        dF/dx = sigma_0 sgn(1 - sgn(v) F/F_c) |1 - sgn(v) F/F_c|^delta,
+        dF/dx = sigma_0 (1 - sgn(v) F/F_c),
 
     with F_c = mu T theta of the node, from the tension before the step. It is solved in
     closed form over the motion of a step, so friction never passes F_c by integration.
@@ -442,8 +364,8 @@ class BristleChain(PublishedModel):
         super().__init__(cable)
         self.bristle = bristle or Bristle()
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
-        cable, load, start = self.cable, motion.stiffness, motion.start
+    def answer(self, motion: Motion) -> Answer:
+        cable, load, start = self.cable, motion.stiffness, motion.profile(self.cable)
         n = cable.segments
         spring = cable.axial_stiffness / node_lengths(cable)
         if np.isfinite(load):
@@ -452,8 +374,8 @@ class BristleChain(PublishedModel):
         grip = cable.friction * kernel.segment_angles(packed_parameters(cable), n)
         out = np.empty((3, motion.proximal.size))
         _play_chain(
-            chain, self.bristle, motion.proximal, motion.moved, load, grip,
-            motion.factor, motion.dt, out,
+            chain, self.bristle, motion.proximal, motion.distal, load, grip,
+            motion.wrap, motion.dt, out,
         )  # fmt: skip
         return Answer(*out)
 
@@ -559,15 +481,9 @@ def _bristle(
         return 0.0, 0.0, 0.0
     slip_direction = 1.0 if slip >= 0.0 else -1.0
     short = 1.0 - slip_direction * friction / limit
-    side = 1.0 if short >= 0.0 else -1.0
-    size, travel, exponent = abs(short), abs(slip) / shape.length, shape.exponent
-    if exponent == 1.0:
-        size *= np.exp(-travel)
-    elif size > 0.0:
-        power = 1.0 - exponent
-        size = max(size**power - power * travel, 0.0) ** (1.0 / power)
-    stored = slip_direction * limit * (1.0 - side * size)
-    slope = limit / shape.length * side * size**exponent
+    short *= np.exp(-abs(slip) / shape.length)
+    stored = slip_direction * limit * (1.0 - short)
+    slope = limit / shape.length * short
     damping = shape.damping / dt
     force = stored + damping * (stored - friction)
     return force, max(slope, 0.0) * (1.0 + damping), stored
@@ -583,7 +499,6 @@ class Hysteresis(NamedTuple):
     rho: float  # [1/m]
     sigma: float  # shape, 0 or more
     lead: float  # lambda, speed by which acceleration leads [m/s]
-    exponent: float = 1.0  # n, 1 or more
 
 
 class ModifiedBoucWen(PublishedModel):
@@ -597,33 +512,21 @@ class ModifiedBoucWen(PublishedModel):
     """
 
     name = "Do, modified Bouc-Wen"
-    refuses: ClassVar = {
-        "a locked output": "output and motor move alike in it",
-        "a moved output": "output and motor move alike in it",
-        "a tension profile": "it has no inside",
-        "bends that change": "its parameters are fitted to one",
-    }
+    # output and motor move alike in it, it has no inside and is fitted to one path
+    refuses = frozenset({"moved", "start", "factor"})
 
     def __init__(self, cable: Cable, hysteresis: Hysteresis) -> None:
         super().__init__(cable)
         self.hysteresis = hysteresis
 
     @classmethod
-    def fitted(
-        cls,
-        cable: Cable,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: EndSpring,
-        answer: Answer,
-    ) -> ModifiedBoucWen:
-        """Fit the parameters to a recording of motor and tensions, n = 1."""
-        x = -np.asarray(u_proximal, dtype=np.float64)
+    def fitted(cls, cable: Cable, motion: Motion, answer: Answer) -> ModifiedBoucWen:
+        """Fit the parameters to a recording of motor and tensions."""
+        x, dt = -motion.proximal, motion.dt
         friction = answer.tension_proximal - answer.tension_distal
 
         def columns(shape: FloatArray) -> FloatArray:
-            rho, sigma, lead = np.exp(shape)
-            parts = _parts(x, dt, float(rho), float(sigma), float(lead), 1.0)
+            parts = _parts(x, dt, *np.exp(shape).tolist())
             return np.column_stack([*parts, np.ones(x.size)])
 
         def gains(shape: FloatArray) -> FloatArray:
@@ -639,29 +542,19 @@ class ModifiedBoucWen(PublishedModel):
                 np.log([1e4 / span, 20.0, speed]),
             ),
         )
-        position, state, viscous, offset = gains(fit.x).tolist()
-        rho, sigma, lead = np.exp(fit.x).tolist()
-        return cls(
-            cable, Hysteresis(position, state, viscous, offset, rho, sigma, lead)
-        )
+        return cls(cable, Hysteresis(*gains(fit.x), *np.exp(fit.x).tolist()))
 
-    def answer(self, motion: ReplayedMotion) -> Answer:
-        proximal, has = motion.proximal, self.hysteresis
-        position, state, speed = _parts(
-            -proximal, motion.dt, has.rho, has.sigma, has.lead, has.exponent
-        )
-        friction = (
-            has.position * position
-            + has.state * state
-            + has.viscous * speed
-            + has.offset
-        )
+    def answer(self, motion: Motion) -> Answer:
+        proximal = motion.proximal
+        *gains, offset, rho, sigma, lead = self.hysteresis
+        parts = _parts(-proximal, motion.dt, rho, sigma, lead)
+        friction = np.array(gains) @ parts + offset
         distal = self.cable.pretension - motion.stiffness * proximal
         return Answer(distal + friction, distal, proximal.copy())
 
 
 def _parts(
-    x: FloatArray, dt: float, rho: float, sigma: float, lead: float, exponent: float
+    x: FloatArray, dt: float, rho: float, sigma: float, lead: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the factors of the gains: position with (1.5), zeta, speed (samples,)."""
     speed = np.diff(x, prepend=x[0]) / dt
@@ -669,7 +562,7 @@ def _parts(
     fast = np.exp(2.0 * speed)
     position = x * (fast + np.sign(x) * turn) / (fast + 1.0)
     zeta = np.empty(speed.size)
-    _hysteresis(speed, turn, dt, rho, sigma, lead, exponent, zeta)
+    _hysteresis(speed, turn, dt, rho, sigma, lead, zeta)
     return position, zeta, speed
 
 
@@ -681,7 +574,6 @@ def _hysteresis(
     rho: float,
     sigma: float,
     lead: float,
-    exponent: float,
     out: FloatArray,
 ) -> None:
     """Compute the state zeta of (1.4) over time (samples,), by fine explicit steps."""
@@ -693,10 +585,5 @@ def _hysteresis(
         steps = 1 + int(abs(travel) * (1.0 + sigma) / 0.05)
         part = travel / steps
         for _ in range(steps):
-            size = abs(zeta) ** (exponent - 1.0)
-            zeta += (
-                part
-                - sigma * abs(part) * size * zeta
-                + (sigma - 1.0) * part * size * abs(zeta)
-            )
+            zeta += part - sigma * abs(part) * zeta + (sigma - 1.0) * part * abs(zeta)
         out[row] = zeta

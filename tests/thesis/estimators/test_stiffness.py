@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cc_mujoco.device import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import EstimateTrack
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
 from thesis.estimators._parameters import StiffnessEstimator
@@ -41,14 +40,14 @@ def test_few_sensors_add_no_more_than_the_error_of_their_quadrature(run: Run) ->
     places = np.arange(0, 41, 4)
     sensors = Sensors(tuple(places.tolist()), (1e-3,) * 11)
     estimator = StiffnessEstimator(FINE, sensors, start=2.0 * EA)
-    estimator.over(run.proximal, run.tension[:, places], run.direction)
-    assert 1e-4 < abs(estimator.stiffness / EA - 1.0) < 0.25 / 4.0**2
+    found = estimator.over(run.proximal, run.tension[:, places], run.direction)
+    assert 1e-4 < abs(found.value[-1] / EA - 1.0) < 0.25 / 4.0**2
 
 
 def test_error_has_the_stated_size(run: Run) -> None:
     score = []
     for seed in range(60):
-        estimator = StiffnessEstimator(FINE, EVERY, memory=50.0)
+        estimator = StiffnessEstimator(FINE, EVERY, start=EA, memory=50.0)
         found = over(estimator, Run(*(part[:600:6] for part in run)), seed)
         score.append((found.value[-1] - EA) / found.deviation[-1])
     # The standard error of an RMS of 60 is 0.09, of their mean 0.13.
@@ -58,10 +57,9 @@ def test_error_has_the_stated_size(run: Run) -> None:
 
 def test_only_changes_of_the_encoder_count(run: Run) -> None:
     here, there = (StiffnessEstimator(FINE, EVERY, start=2.0 * EA) for _ in range(2))
-    over(here, run, 2)
-    over(there, run._replace(proximal=run.proximal + 3.0), 2)
-    assert there.stiffness == pytest.approx(here.stiffness, rel=1e-9)
-    assert there.deviation == pytest.approx(here.deviation, rel=1e-9)
+    moved = over(there, run._replace(proximal=run.proximal + 3.0), 2)
+    for found, known in zip(moved, over(here, run, 2), strict=True):
+        assert found == pytest.approx(known, rel=1e-9)
 
 
 def test_mass_motion_is_refused() -> None:
@@ -69,8 +67,8 @@ def test_mass_motion_is_refused() -> None:
     mass = np.all(run.direction != 0, axis=1)
     assert np.mean(mass) > 0.5
     estimator = StiffnessEstimator(FINE, EVERY, start=2.0 * EA)
-    over(estimator, Run(*(part[mass] for part in run)), 3)
-    assert (estimator.stiffness, estimator.deviation) == (2.0 * EA, 2.0 * EA)
+    found = over(estimator, Run(*(part[mass] for part in run)), 3)
+    assert np.all(np.array(found) == 2.0 * EA)
 
 
 def test_output_that_moves_between_spells_of_partial_motion_does_no_harm() -> None:
@@ -90,14 +88,14 @@ def test_slip_of_the_distal_part_alone_is_refused() -> None:
     assert np.any(moving) and np.all(run.direction[:, 0] == 0)
     estimator = StiffnessEstimator(FINE, EVERY, start=2.0 * EA)
     drifted = run._replace(proximal=np.linspace(0.0, -0.01, run.proximal.size))
-    over(estimator, Run(*(part[moving] for part in drifted)), 5)
-    assert (estimator.stiffness, estimator.deviation) == (2.0 * EA, 2.0 * EA)
+    found = over(estimator, Run(*(part[moving] for part in drifted)), 5)
+    assert np.all(np.array(found) == 2.0 * EA)
 
 
 def test_nothing_is_learnt_at_rest(run: Run) -> None:
     estimator = StiffnessEstimator(FINE, EVERY, start=2.0 * EA)
-    over(estimator, run._replace(direction=np.zeros_like(run.direction)), 6)
-    assert (estimator.stiffness, estimator.deviation) == (2.0 * EA, 2.0 * EA)
+    found = over(estimator, run._replace(direction=np.zeros_like(run.direction)), 6)
+    assert np.all(np.array(found) == 2.0 * EA)
 
 
 def test_drift_is_followed_to_within_what_is_stated() -> None:
@@ -110,9 +108,3 @@ def test_drift_is_followed_to_within_what_is_stated() -> None:
     error = (found.value - truth)[400:]
     assert rms(error / truth[400:]) < 0.04
     assert rms(error) < 2.0 * rms(found.deviation[400:])
-
-
-@pytest.mark.parametrize("nodes", [(1, 2, 3, 4, 5, 6), (0, 1, 2), (0, 3, 3, 5, 7, 9)])
-def test_sensors_that_cannot_tell_are_refused(nodes: tuple[int, ...]) -> None:
-    with pytest.raises(CableError, match="one at node 0 and at least 4 more"):
-        StiffnessEstimator(FINE, Sensors(nodes, (1.0,) * len(nodes)))

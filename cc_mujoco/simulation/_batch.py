@@ -55,7 +55,7 @@ class Worlds(Protocol):
         """Clear the warnings of these simulations; call `start` for each next."""
 
     def vary(self, row: int, plant: Plant) -> None:
-        """Set what defines a plant in a simulation, as the device's model has it now."""
+        """Set what defines a plant in a simulation as its device's model has it."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
         """Bring a simulation to the start of an episode with this wearer's script."""

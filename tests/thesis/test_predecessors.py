@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from thesis._experiments import predecessors
-from thesis.predecessors._capabilities import CABLE
-from thesis.predecessors._models import (
+from thesis._experiments.predecessors import CABLE
+from thesis._predecessors import (
     Distributed,
     PassiveDistributed,
     StaticCapstan,

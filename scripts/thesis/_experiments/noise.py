@@ -28,7 +28,7 @@ from thesis.estimators._directions import (
     Moment,
     excess_moment,
     fuse_correlated,
-    own_errors,
+    sensor_votes,
 )
 from thesis.estimators._sensor_noise import (
     SensorNoise,
@@ -51,23 +51,20 @@ MOTION, TENSION = 5e-4, 50.0
 """Instants with unknown directions: motion [m], largest tension [N]."""
 
 
-class Statistics(NamedTuple):
-    """Estimated variances over many recordings, by length of the recording."""
-
-    free: FloatArray  # without bounds (lengths, runs, sensors) [N^2]
-    bounded: FloatArray  # kept at or above 0
-    differenced: FloatArray  # by the method of differences
-
-
 def statistics(
     lengths: tuple[int, ...] = LENGTHS, runs: int = RUNS, seed: int = 40
-) -> Statistics:
-    """Estimate variances by autocovariance least squares from matching recordings."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Estimate variances [N^2] by autocovariance least squares from many recordings.
+
+    Returns them without bounds (lengths, runs, sensors), kept nonnegative at the first
+    length, and by differences in time at the last, (runs, sensors) each.
+    """
     random = np.random.default_rng(seed)
     factor = _factors(1.0)
     model = trend_model(factor)
-    found = np.empty((3, len(lengths), runs, factor.size))
-    for run_ in range(runs):
+    free = np.empty((len(lengths), runs, factor.size))
+    bounded, differenced = np.empty((2, runs, factor.size))
+    for place in range(runs):
         # Variance of the steps of the rate of the tension [N^2/sample^2].
         step = np.sqrt(1e-4) * random.normal(size=max(lengths) + SETTLING_SAMPLES)
         rate = np.cumsum(step) - step
@@ -75,24 +72,21 @@ def statistics(
         noise = DEVIATION * random.normal(size=(tension.size, factor.size))
         reading = tension[:, None] * factor + noise
         innovation = innovations(model, reading)[SETTLING_SAMPLES:]
-        for row, length in enumerate(lengths):
-            part = innovation[:length]
-            for place, bounded in enumerate((False, True)):
-                fit = autocovariance_least_squares(part, model, nonnegative=bounded)
-                found[place, row, run_] = fit.sensor
-            settled = reading[SETTLING_SAMPLES:][:length]
-            found[2, row, run_] = difference_variance(settled)
-    return Statistics(*found)
+        parts = [innovation[:length] for length in lengths]
+        for row, part in enumerate(parts):
+            free[row, place] = autocovariance_least_squares(part, model, False)[1]
+        bounded[place] = autocovariance_least_squares(parts[0], model)[1]
+        settled = reading[SETTLING_SAMPLES:][: lengths[-1]]
+        differenced[place] = difference_variance(settled)
+    return free, bounded, differenced
 
 
 class Drift(NamedTuple):
     """Sensors whose noise drifts, on a moving cable."""
 
-    time: FloatArray  # (samples,) [s]
-    true: FloatArray  # deviation of the sensors (samples, m) [N]
-    learnt: FloatArray  # what `SensorNoise` makes of them (samples, m) [N]
-    # weights to RMS error of the output tension where it moves [N]
-    rms: dict[str, float]
+    followed: float  # RMS of the logarithm of estimate over true deviation
+    span: float  # largest over smallest true deviation
+    rms: dict[str, float]  # weights to RMS error of the output where it moves [N]
     microseconds: float  # a sample takes `SensorNoise`
 
 
@@ -104,11 +98,10 @@ def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
     phase = 2.0 * np.pi * (time[:, None] / 60.0 + np.arange(count) / count)
     deviation = 0.8 * np.exp(1.2 * np.sin(phase))
     random = np.random.default_rng(seed)
-    at_nodes = true.tension[:, NODES]
-    reading = at_nodes + deviation * random.normal(size=deviation.shape)
+    reading = true.tension[:, NODES] + deviation * random.normal(size=deviation.shape)
     sensors = Sensors(NODES, (0.8,) * count)
     noise = SensorNoise(CABLE, sensors)
-    names = ("plain mean", "stated noise", "learnt noise", "true noise")
+    names = ("plain mean", "learnt noise", "true noise")
     fusion = {name: TensionFusion(CABLE, sensors, at_rest="hold") for name in names}
     fusion["plain mean"].weights = "mean"
     output = {name: np.empty(time.size) for name in names}
@@ -125,9 +118,12 @@ def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
         fusion["true noise"].noise = deviation[row]
         for name, each in fusion.items():
             output[name][row] = each.update(measured, direction)[-1]
-    moving = (true.direction[:, -1] != 0) & (time > 10.0)
+    late = time > 10.0
+    moving = (true.direction[:, -1] != 0) & late
     errors = {n: rms((output[n] - true.tension[:, -1])[moving]) for n in names}
-    return Drift(time, deviation, learnt, errors, 1e6 * spent / time.size)
+    followed = rms(np.log(learnt / deviation)[late])
+    span = float(np.max(deviation) / np.min(deviation))
+    return Drift(followed, span, errors, 1e6 * spent / time.size)
 
 
 def simulate_motion(time: FloatArray) -> Replay:
@@ -159,7 +155,7 @@ def motion_error(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
         if slip_direction[first] != 0 and last - first > 400:
             model = trend_model(_factors(float(slip_direction[first])))
             innovation = innovations(model, reading[first:last])[4 * SETTLING_SAMPLES :]
-            found.append(autocovariance_least_squares(innovation, model).sensor)
+            found.append(autocovariance_least_squares(innovation, model)[1])
     by_time = np.sqrt(np.mean(found, axis=0))
     return (
         float(np.max(np.abs(by_time / 0.8 - 1.0))),
@@ -185,48 +181,44 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
     equal = Sensors(NODES, (float(np.sqrt(np.mean(unequal**2))),) * len(NODES))
     learnt = _learn(unequal, seed)
     as_learnt = Sensors(NODES, tuple(learnt.tolist()))
-    rows = {name: [] for name in WEIGHTS}
+    rows: dict[str, list[float]] = {name: [] for name in WEIGHTS}
     for place, directions in enumerate(CONDITIONS.values()):
         moment = Moment.of(mesh, directions(SEGMENTS), TENSION, MOTION)
-        simulated = own_errors(mesh, moment, equal, samples, seed + 10 + place)
-        excess = excess_moment(mesh, moment, equal, simulated)[-1]
+
+        def errors(sensors: Sensors, begin: int, moment: Moment = moment) -> FloatArray:
+            _, own = sensor_votes(mesh, moment, sensors, samples, seed + begin)
+            return own.tension[..., -1] - moment.tension[-1]
+
+        excess, mended = (
+            excess_moment(mesh, moment, sensors, errors(sensors, begin + place))
+            for sensors, begin in ((equal, 10), (as_learnt, 30))
+        )
         gains = tension_gains(mesh, moment.pattern, np.array(NODES), through_rest=True)
-        gain = gains[:, -1]
-        noise = np.diag((gain * learnt) ** 2)
-        sensors = Sensors(NODES, tuple(unequal.tolist()))
-        error = own_errors(mesh, moment, sensors, samples, seed + 20 + place)[..., -1]
-        again = own_errors(mesh, moment, as_learnt, samples, seed + 30 + place)
-        mended = excess_moment(mesh, moment, as_learnt, again)[-1]
-        small = np.diag((gain * equal.deviation[0]) ** 2)
-        covariance = {
-            "plain mean": np.eye(len(NODES)),
-            "extrapolation": excess + small,
-            "noise": noise,
-            "both": excess + noise,
-            "both, extrapolation at learnt noise": mended + noise,
-        }
-        for name in WEIGHTS:
-            rows[name].append(rms(fuse_correlated(error, covariance[name])))
+        small, noise = (
+            np.diag((gains[:, -1] * np.array(sensors.deviation)) ** 2)
+            for sensors in (equal, as_learnt)
+        )
+        covariances = (
+            np.eye(len(NODES)), excess + small, noise, excess + noise, mended + noise
+        )  # fmt: skip
+        error = errors(Sensors(NODES, tuple(unequal.tolist())), 20 + place)
+        for name, covariance in zip(WEIGHTS, covariances, strict=True):
+            rows[name].append(rms(fuse_correlated(error, covariance)))
     return {name: np.array(values) for name, values in rows.items()}
 
 
 def run() -> tuple[Finding, ...]:
-    found = statistics()
-    drifting = drift()
-    weighted = weighted_errors()
+    free, bounded, differenced = statistics()
+    drifting, weighted = drift(), weighted_errors()
     variance = DEVIATION**2
-    error = found.free - variance
-    scatter = np.std(found.free, axis=1)
-    offset = np.mean(error, axis=1) / (scatter / np.sqrt(RUNS))
+    scatter = np.std(free, axis=1)
+    offset = np.mean(free - variance, axis=1) / (scatter / np.sqrt(RUNS))
     worst = float(np.max(np.abs(offset)))
     typical = scatter[:, :-1] / variance[:-1]
     slope = float(np.polyfit(np.log(LENGTHS), np.log(np.mean(typical, axis=1)), 1)[0])
-    pushed = float(np.mean(found.bounded[0, :, -1]))
-    high = found.differenced[-1].mean(axis=0) - variance
+    pushed = float(np.mean(bounded[:, -1]))
+    high = differenced.mean(axis=0) - variance
     off = drifting.rms
-    seen = drifting.time > 10.0
-    followed = rms(np.log(drifting.learnt / drifting.true)[seen])
-    span = float(np.max(drifting.true) / np.min(drifting.true))
     plain, both, ours = (weighted[WEIGHTS[i]] for i in (0, 3, 4))
     others = np.min([weighted[name] for name in WEIGHTS[:3]], axis=0)
     by_time, by_contrast = motion_error()
@@ -252,7 +244,8 @@ def run() -> tuple[Finding, ...]:
             timed=True,
         ),
         Finding(
-            f"noise followed within {followed:.0%}, {span:.0f}-fold drift; output RMS "
+            f"noise followed within {drifting.followed:.0%}, {drifting.span:.0f}-fold "
+            "drift; output RMS "
             f"{off['plain mean']:.2f} N plain mean, {off['learnt noise']:.2f} N learnt "
             f"weights, {off['true noise']:.2f} N true ones",
             "agrees" if off["learnt noise"] < 0.9 * off["plain mean"] else "disagrees",
@@ -287,4 +280,4 @@ def _learn(deviation: FloatArray, seed: int) -> FloatArray:
     model = trend_model(factor)
     innovation = innovations(model, tension[:, None] * factor + noise)
     settled = innovation[SETTLING_SAMPLES:]
-    return np.sqrt(autocovariance_least_squares(settled, model).sensor)
+    return np.sqrt(autocovariance_least_squares(settled, model)[1])

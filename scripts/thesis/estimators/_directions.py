@@ -204,35 +204,41 @@ class Moment(NamedTuple):
         return cls(pattern, before, now, tension * profile)
 
 
-def own_errors(
+CHUNK_SIZE = 250  # instants solved at once, which bounds the memory
+
+
+def sensor_votes(
     mesh: Mesh, moment: Moment, sensors: Sensors, samples: int, seed: int
-) -> FloatArray:
-    """Return tension errors (samples, m, n + 1) [N] of each sensor's own solution."""
-    random = np.random.default_rng(seed)
-    nodes = np.array(sensors.nodes)
+) -> tuple[FloatArray, OwnSolutions]:
+    """Return readings (samples, m) [N] of an instant, and own solutions of sensors."""
+    random, nodes = np.random.default_rng(seed), np.array(sensors.nodes)
     noise = random.normal(size=(samples, nodes.size)) * np.array(sensors.deviation)
-    own = own_solutions(
-        mesh, moment.before, np.full(samples, moment.displacement[0]),
-        moment.tension[nodes] + noise, nodes, first=moment.pattern,
-    )  # fmt: skip
-    return own.tension - moment.tension
+    reading = moment.tension[nodes] + noise
+    parts = [
+        own_solutions(
+            mesh, moment.before, np.full(len(part), moment.displacement[0]), part,
+            nodes, first=moment.pattern,
+        )
+        for part in np.array_split(reading, -(-samples // CHUNK_SIZE))
+    ]  # fmt: skip
+    own = OwnSolutions(*map(np.concatenate, zip(*parts, strict=True)))
+    return reading, own
 
 
 def excess_moment(
     mesh: Mesh, moment: Moment, sensors: Sensors, error: FloatArray
 ) -> FloatArray:
-    """Return the second moment of the errors of `own_errors` less the carried noise.
+    """Return the second moment (m, m) [N^2] of errors less the carried noise.
 
-    It is (n + 1, m, m) [N^2], positive semidefinite; a constant error counts in full.
+    Errors (samples, m) are of the output tension by each sensor's own solution. The
+    moment is positive semidefinite; a constant error counts in full.
     """
     nodes = np.array(sensors.nodes)
-    gain = tension_gains(mesh, moment.pattern, nodes, through_rest=True)
-    carried = (gain * np.array(sensors.deviation)[:, None]) ** 2
-    found = np.einsum("sik,sjk->kij", error, error) / len(error)
-    diagonal = np.arange(gain.shape[0])
-    found[:, diagonal, diagonal] -= carried.T
+    gain = tension_gains(mesh, moment.pattern, nodes, through_rest=True)[:, -1]
+    found = error.T @ error / len(error)
+    found -= np.diag((gain * np.array(sensors.deviation)) ** 2)
     value, vector = np.linalg.eigh(found)
-    return np.einsum("kia,ka,kja->kij", vector, np.maximum(value, 0.0), vector)
+    return (vector * np.maximum(value, 0.0)) @ vector.T
 
 
 def fuse_correlated(estimates: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -424,60 +430,41 @@ class SensorConsensus:
         return min(depth, most)
 
 
-class CableObserver:
-    """Estimate of all tensions by a model that encoder and sensors drive.
+def observe(
+    cable: Cable,
+    sensors: Sensors,
+    dt: float,
+    u_proximal: FloatArray,
+    reading: FloatArray,
+    agility: float,
+) -> FloatArray:
+    """Return tensions (samples, n + 1) [N] of a model that encoder and sensors drive.
 
     The thesis finds directions of slip by a vote among sensors. But the encoder at the
-    proximal end and the tension at the distal one drive the model completely, so that
-    only one number of each instant is unknown: the distal tension. It is estimated by a
-    Kalman filter for a local trend (level and rate, the rate a random walk) from all
-    sensors that slip ties to the distal end, each carried there by the capstan factors
-    of the model's own directions; and it drives the model. What a standing part of the
-    cable remembers, the model remembers.
+    proximal end (samples,) [m] and the tension at the distal one drive the model
+    completely, so that only one number of each instant is unknown: the distal tension.
+    It is estimated by a Kalman filter for a local trend (level and rate, the rate a
+    random walk) from all sensors (samples, m) [N] that slip ties to the distal end,
+    each carried there by the capstan factors of the model's own directions; and it
+    drives the model. What a standing part of the cable remembers, the model remembers.
+    By `agility`, a standard deviation, the rate of the distal tension changes in one
+    second [N/s]; less is smoother and later.
     """
-
-    def __init__(
-        self, cable: Cable, sensors: Sensors, dt: float, *, agility: float = 300.0
-    ) -> None:
-        """Start at rest in the pretension of a cable without friction but Coulomb's.
-
-        Readings are `dt` apart [s]. By `agility`, a standard deviation, the rate of the
-        distal tension changes in one second [N/s]; less is smoother and later.
-        """
-        self._noise = np.array(sensors.deviation)
-        self._nodes, self._mesh = sensors.on(cable), Mesh.of(cable)
-        self._model = Conduit(cable)
-        self._dt = dt
-        self._ahead = np.array([[1.0, dt], [0.0, 1.0]])
-        wander = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-        self._drift_variance = agility**2 * wander
-        self._state = np.array([self._model.tension_distal, 0.0])
-        self._spread = np.diag([float(np.mean(self._noise)) ** 2, 0.0])
-
-    @property
-    def tension(self) -> FloatArray:
-        """Tension of every node (n + 1,) [N]."""
-        return self._model.tension
-
-    @property
-    def direction(self) -> NDArray[np.int8]:
-        """Direction of slip of every segment in the last step (n,), 0 = rest."""
-        return self._model.direction
-
-    def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
-        """Return node tensions (n + 1,) [N] by encoder [m] and sensors (m,) [N]."""
-        reading = np.asarray(reading, dtype=float)
-        state = self._ahead @ self._state
-        spread = self._ahead @ self._spread @ self._ahead.T + self._drift_variance
-        gain = tension_gains(self._mesh, self.direction, self._nodes)[:, -1:]
-        found = fuse(reading, gain, self._noise)
-        measured, deviation = float(found.tension[0]), float(found.deviation[0])
-        if np.isfinite(measured):
+    noise, nodes, mesh = np.array(sensors.deviation), sensors.on(cable), Mesh.of(cable)
+    model, found = Conduit(cable), []
+    ahead = np.array([[1.0, dt], [0.0, 1.0]])
+    wander = agility**2 * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    state = np.array([model.tension_distal, 0.0])
+    spread = np.diag([float(np.mean(noise)) ** 2, 0.0])
+    for u, measured in zip(u_proximal.tolist(), reading, strict=True):
+        state = ahead @ state
+        spread = ahead @ spread @ ahead.T + wander
+        gain = tension_gains(mesh, model.direction, nodes)[:, -1:]
+        tension, deviation = (float(one[0]) for one in fuse(measured, gain, noise)[:2])
+        if np.isfinite(tension):
             share = spread[:, 0] / (spread[0, 0] + deviation**2)
-            state = state + share * (measured - state[0])
+            state = state + share * (tension - state[0])
             spread = spread - np.outer(share, spread[0])
-        self._state, self._spread = state, spread
-        self._model.step(
-            self._dt, u_proximal=u_proximal, tension_distal=max(float(state[0]), 0.0)
-        )
-        return self.tension
+        model.step(dt, u_proximal=u, tension_distal=max(float(state[0]), 0.0))
+        found.append(model.tension)
+    return np.array(found)

@@ -1,8 +1,7 @@
 r"""Noise of every tension sensor, from data and while the cable runs (3.2.2).
 
     model = trend_model(factors)                   # of the sensors to one tension
-    found = autocovariance_least_squares(innovations(model, readings)[50:], model)
-    found.sensor                                   # variance of every sensor
+    _, variance = autocovariance_least_squares(innovations(model, reading)[50:], model)
 
 After Odelson, Rajamani and Rawlings, *A new autocovariance least-squares method for
 estimating noise covariances*, Automatica 42 (2006) 303-308, which the thesis names in
@@ -64,13 +63,6 @@ class LinearModel(NamedTuple):
     gain: FloatArray  # L (k, p); A - A L C must be stable
 
 
-class NoiseVariance(NamedTuple):
-    """Variances of independent noises."""
-
-    process: FloatArray  # of w (g,)
-    sensor: FloatArray  # of v (p,)
-
-
 def trend_model(factors: ArrayLike) -> LinearModel:
     """Return one tension with a trend, measured by sensors at known factors (m,)."""
     factor = np.asarray(factors, dtype=float)
@@ -126,8 +118,8 @@ def autocovariances(model: LinearModel) -> FloatArray:
 
 
 def autocovariance_least_squares(
-    innovation: ArrayLike, model: LinearModel, *, nonnegative: bool = True
-) -> NoiseVariance:
+    innovation: ArrayLike, model: LinearModel, nonnegative: bool = True
+) -> tuple[FloatArray, FloatArray]:
     """Return the variances of process and sensors from one stretch of innovations.
 
     Innovations (samples, p) are those of the model's filter, which must be stable, in
@@ -146,7 +138,8 @@ def autocovariance_least_squares(
         found = nnls(matrix / size, right)[0] / size
     else:
         found = np.linalg.lstsq(matrix / size, right, rcond=None)[0] / size
-    return NoiseVariance(*np.split(found, [model.disturbance.shape[1]]))
+    split = model.disturbance.shape[1]
+    return found[:split], found[split:]
 
 
 def difference_variance(readings: ArrayLike) -> FloatArray:

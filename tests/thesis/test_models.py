@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from cc_mujoco.cable import Cable, Section, replay
-from thesis.predecessors._models import (
+from thesis._predecessors import (
     Bristle,
     BristleChain,
     Distributed,

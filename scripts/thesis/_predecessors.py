@@ -160,26 +160,18 @@ class LumpedMasses(PublishedModel):
         Masses 1 ... n at the nodes beyond the motor's; where the output is locked the
         last one is held. State: displacements, then velocities.
         """
-        n = self.masses
-        k = self._spring(sign)
+        n, k = self.masses, self._spring(sign)
         mass = self.line_density * self.cable.length / n
         damping = 2.0 * math.sqrt(k * mass)  # critical for one element
         chain = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
         chain[-1, -1] = 1.0
-        pull = np.zeros(n)
-        pull[0] = k
-        load = np.zeros((n, n))
+        load, pull = np.zeros((n, n)), np.zeros(2 * n)
         load[-1, -1] = 1e9 * k if math.isinf(stiffness) else stiffness
-        whole = k * chain + load
-        matrix = mass * np.eye(n) + dt * damping * chain + dt**2 * whole
-        inverse = np.linalg.inv(matrix)
-        by_velocity = inverse * mass
-        by_place = -dt * inverse @ whole
-        by_input = dt * inverse @ pull
-        step = np.block(
-            [[np.eye(n) + dt * by_place, dt * by_velocity], [by_place, by_velocity]]
-        )
-        return step, np.concatenate([dt * by_input, by_input])
+        pull[n] = dt * k / mass
+        rates = [-(k * chain + load) / mass, -damping / mass * chain]
+        system = np.block([[np.zeros((n, n)), np.eye(n)], rates])
+        inverse = np.linalg.inv(np.eye(2 * n) - dt * system)
+        return inverse, inverse @ pull
 
 
 class Distributed(PublishedModel):

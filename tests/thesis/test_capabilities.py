@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thesis.predecessors._capabilities import (
+from thesis._experiments.predecessors import (
     CABLE,
     CAPABILITY_TESTS,
     DT,
@@ -15,7 +15,7 @@ from thesis.predecessors._capabilities import (
     front_pull,
     onset_pull,
 )
-from thesis.predecessors._models import (
+from thesis._predecessors import (
     BristleChain,
     Distributed,
     LuGreChain,
@@ -61,7 +61,7 @@ def made(kind):
 @pytest.mark.parametrize("kind", ABLE, ids=lambda kind: kind.__name__)
 def test_each_model_shows_what_its_equations_can(kind):
     found = find_capabilities(made(kind))
-    assert {name for name, finding in found.items() if finding.able} == ABLE[kind]
+    assert {name for name, finding in found.items() if finding[0]} == ABLE[kind]
 
 
 def test_front_formula_is_its_own_inverse_and_ends_at_the_onset():

@@ -1,1 +1,0 @@
-"""Cable models that came before, and what each can show."""

@@ -27,6 +27,8 @@ does.
 
 from __future__ import annotations
 
+import math
+
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
@@ -197,15 +199,37 @@ def _tension_by_law(
         moved += _bend_of_slack(length, start)
     else:
         length *= start * start
-    unit, tension = _cable_per_length(prm), after
-    own = nodes.node_piece(prm, n, i)
+    unit, own = _cable_per_length(prm), nodes.node_piece(prm, n, i)
+    paid_out = length / start - length - spring * before - moved
+    paid_out += elastic.spring_between(own, before, 0.0)
+    if paid_out >= 0.0:  # more than makes it slack
+        soft = elastic.compliance_at(unit, 0.0)
+        return _slack_tension(length, soft, spring + own.spring, paid_out)
+    tension = max(after, 0.0)
     for _ in range(_MAX_ROUNDS):
-        strain = max(stretch_ratio(prm, tension), start * (1.0 - _MAX_NODE_SHARE))
+        strain = stretch_ratio(prm, tension)
         off = length / start - length / strain + spring * (tension - before) - moved
         off += elastic.spring_between(own, before, tension)
         slope = length * elastic.compliance_at(unit, tension) / (strain * strain)
         tension -= off / (slope + spring + elastic.spring_slope(own, tension))
     return tension
+
+
+@internal
+def _slack_tension(length: float, soft: float, spring: float, slack: float) -> float:
+    """Return the tension, at most 0 [N], of a node with `slack` more cable [m].
+
+    `length` is that of its path [m], `soft` the compliance per length of slack cable
+    [1/N], `spring` that of the springs at the node [m/N]. The stretch ratio x solves
+    length / x = length + slack + spring (x - 1) / soft, a parabola.
+    """
+    yielding = spring / soft
+    linear = length + slack - yielding
+    root = math.sqrt(linear * linear + 4.0 * yielding * length)
+    # Of two forms the one that takes no difference of equals.
+    if linear > 0.0:
+        return (2.0 * length / (linear + root) - 1.0) / soft
+    return (0.5 * (root - linear) / yielding - 1.0) / soft
 
 
 @internal

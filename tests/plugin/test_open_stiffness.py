@@ -100,6 +100,27 @@ def test_a_rope_in_a_soft_anchor_is_as_long_as_rope_and_anchor_let_it() -> None:
     assert work == pytest.approx(kept, rel=0.013)
 
 
+@pytest.mark.parametrize(
+    "more",
+    [{"end_compliance": 2e-5}, {"bedding_strain": 1e-2, "bedding_tension": 30.0},
+     SOFT, SOFT | {"end_loss": 0.3}],
+    ids=["spring", "bedding", "hardening", "lossy"],
+)  # fmt: skip
+def test_slack_longer_than_its_piece_comes_back(more: dict[str, float]) -> None:
+    """Nothing is wound under tension, so the drum gives back what it took."""
+    m = hoist(0.05, pretension=0.0, **more)
+    tensions = []
+    for slack in (0.0, 0.2):
+        d = mujoco.MjData(m)
+        mujoco.mj_forward(m, d)
+        for turn in np.linspace(0.0, 2.0 * np.pi, 400):
+            put(m, d, 0.5 * slack * (np.cos(turn) - 1.0), 0.0)
+            assert read(m, d, "rope").tension_proximal < 1e-6
+        tensions.append(put(m, d, 0.0, -2e-4))
+    assert tensions[0] > 5.0
+    assert tensions[1] == pytest.approx(tensions[0], rel=1e-6)
+
+
 def test_limits_hold_in_every_pose_over_the_ranges_of_the_joints() -> None:
     """The hook has 0.2 m of 2 m of rope left where it is highest."""
     m = hoist(2.0)

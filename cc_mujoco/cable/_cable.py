@@ -16,6 +16,7 @@ import csv
 import dataclasses
 import difflib
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -190,14 +191,14 @@ class Cable:
     guides: tuple[Guide, ...] = ()
 
     def __post_init__(self) -> None:
-        for p in PARAMETERS:
-            value = getattr(self, p.name)
-            plain = type(value) is float and not p.low_open and not p.whole
-            if plain and p.low <= value <= p.high:
+        own = vars(self)
+        for p, name, low, high in _RANGES:
+            value = own[name]
+            if type(value) is float and low <= value <= high:
                 continue  # most are, and cables are made by the thousand
             if not p.admits(value):
-                raise self._refusal(p.name, p.allowed)
-            object.__setattr__(self, p.name, float(value))
+                raise self._refusal(name, p.allowed)
+            own[name] = float(value)
         if 0.0 < self.static_friction < self.friction:
             allowed = f"0 (off) or at least `friction` = {self.friction!r}"
             raise self._refusal("static_friction", allowed)
@@ -280,7 +281,7 @@ class Cable:
     @property
     def scalars(self) -> tuple[float, ...]:
         """Values of the scalar parameters in the order of `PARAMETERS`."""
-        return tuple(getattr(self, p.name) for p in PARAMETERS)
+        return _scalars(self)
 
     @property
     def terms(self) -> dict[str, Term]:
@@ -360,7 +361,7 @@ class Cable:
 
     def to_config(self) -> dict[str, str]:
         """Return the text of every configuration key, the inverse of `from_config`."""
-        config = {p.name: repr(getattr(self, p.name)) for p in PARAMETERS}
+        config = dict(zip(_NAMES, map(repr, self.scalars), strict=True))
         config["segments"] = str(self.segments)
         config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
         for name in _TEXTS:
@@ -376,35 +377,49 @@ class Cable:
 
     def replace(self, **changes: object) -> Cable:
         """Return a copy with some fields changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+        return Cable(**(vars(self) | changes))
 
-    def with_friction(self, friction: float) -> Cable:
+    def with_friction(self, friction: float, **changes: object) -> Cable:
         """Return a copy with other kinetic friction, static friction in proportion.
 
         Args:
             friction: coefficient [-]. If the present one is 0, there is no ratio of
                 break-away friction to keep, and the copy has none.
+            changes: other fields to change, but for static friction.
 
         Raises:
             CableError: a coefficient is out of its range.
         """
-        smooth = self.replace(friction=friction, static_friction=0.0)
-        if self.friction == 0.0 or self.static_friction == 0.0:
-            return smooth
-        ratio = self.static_friction / self.friction
-        if (static := ratio * friction) > BREAK_AWAY.high:
-            raise CableError(
-                f"break-away friction is {ratio:.3g} times `friction`, {static:.3g}; "
-                f"it must be at most {BREAK_AWAY.high:g}: give `static_friction`, too"
-            )
-        # In a proportion of 1 it may come out a last digit below.
-        return smooth.replace(static_friction=max(static, friction))
+        changes |= {"friction": friction, "static_friction": 0.0}
+        breaks_away = self.friction != 0.0 and self.static_friction != 0.0
+        if breaks_away and FRICTION.admits(friction):
+            ratio = self.static_friction / self.friction
+            if (static := ratio * friction) > BREAK_AWAY.high:
+                raise CableError(
+                    f"break-away friction is {ratio:.3g} times `friction`, "
+                    f"{static:.3g}; it must be at most {BREAK_AWAY.high:g}: give "
+                    "`static_friction`, too"
+                )
+            # In a proportion of 1 it may come out a last digit below.
+            changes["static_friction"] = max(static, friction)
+        return self.replace(**changes)
 
 
 PARAMETERS: tuple[Parameter, ...] = parameters_of(Cable)
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
-BREAK_AWAY = next(p for p in PARAMETERS if p.name == "static_friction")
+FRICTION, BREAK_AWAY = (
+    next(p for p in PARAMETERS if p.name == name)
+    for name in ("friction", "static_friction")
+)
+
+_RANGES = tuple(
+    (p, p.name, math.nextafter(p.low, math.inf) if p.low_open else p.low, p.high)
+    for p in PARAMETERS
+)
+"""Each parameter with its name, the least and the largest number that it admits."""
+_NAMES = tuple(p.name for p in PARAMETERS)
+_scalars = operator.attrgetter(*_NAMES)
 
 TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not None}
 """The terms that exist, by the parameter that switches each on."""

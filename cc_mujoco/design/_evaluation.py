@@ -11,6 +11,7 @@ Besides the episode of the protocol, metrics may need these tests:
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,7 +47,7 @@ from cc_mujoco.metrics._formulas import (
     first_unsafe_sample,
 )
 from cc_mujoco.metrics._metric import Key, Test
-from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
+from cc_mujoco.simulation._rollout import Episode, Rollout, attended_together, play
 
 Array = NDArray[np.float64]
 Real = TypeVar("Real", float, Array)
@@ -129,7 +130,7 @@ def evaluate(
     for case in cases:
         before = len(tried)
         plants = [Plant(device, {**design, **case}) for design in designs]
-        models = [attended(plant) for plant in plants]
+        models = attended_together(plants)
         tests = episodes(protocol, [plant.values for plant in plants])
         whole = sum(episode.duration for _, _, episode in tests)
         scores = _Scores(protocol, plants, models)
@@ -140,7 +141,7 @@ def evaluate(
             def passed(share: float, start: float = start, part: float = part) -> None:
                 tick((start + part * share) / len(cases))
 
-            scores.add(test, law, play(episode, models, tick=passed))
+            scores.add(test, law, play(episode, models, tick=passed, plants=plants))
             done += episode.duration
         tried.append(scores.tried)
     return [_result(protocol, each) for each in zip(*tried, strict=True)]
@@ -170,7 +171,7 @@ class _Scores:
         self._cables = tuple(plants[0].cables)
         if all(metric_of(name).test != "parts" for name in names):
             return
-        for one, plant, model in zip(self.tried, plants, models, strict=True):
+        for one, plant, model in zip(self.tried, plants, itertools.cycle(models)):
             whole = parts_of(plant, dict(protocol.costs))
             own = inertias_of(plant, model)
             found = self._measured("parts", [ArrayLog({}, (), whole | x) for x in own])

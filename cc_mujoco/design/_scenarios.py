@@ -62,6 +62,8 @@ class Across:
         `rank` selects worst, mean or 90th percentile. The percentile is interpolated
         linearly and counts from the good end: if `high` is better, it is the 10th.
         """
+        if len(values) == 1:
+            return values[0]
         if self.rank == "mean":
             return float(np.mean(values))
         if self.rank == "p90":

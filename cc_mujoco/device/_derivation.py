@@ -409,7 +409,9 @@ def _warn_of_dead_centre(
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
     poses[:, model.jnt_qposadr[joint]] = angles
-    arms = moments(model, list(poses))[:, out, model.jnt_dofadr[joint]]
+    arms = moments(model, mujoco.MjData(model), list(poses))[
+        :, out, model.jnt_dofadr[joint]
+    ]
     arms = arms * math.copysign(1.0, float(arms.sum()))
     least, most = int(arms.argmin()), float(np.abs(arms).max())
     if arms[least] < 0.15 * most:

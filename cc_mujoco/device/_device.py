@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Container, Iterable, Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ class Nominal:
         """Names of the axes, in the order of the description."""
         return tuple(self.axis_cables)
 
-    @property
+    @cached_property
     def axis_cables(self) -> dict[str, tuple[str, ...]]:
         """Names of the cables that each axis's motor winds, by the axis's name."""
         return {axis.name: tuple(axis.cables) for axis in self.description.axes}

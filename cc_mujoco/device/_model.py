@@ -6,9 +6,10 @@ give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
-import dataclasses
+import copy
+import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.cable._cable import PATHS
+from cc_mujoco.cable._cable import PATHS, Cable
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
@@ -31,7 +32,7 @@ from cc_mujoco.device._moment_arm import (
 )
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover
 from cc_mujoco.device._observation import Observed
-from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.device._sensors import WINDING_COLUMNS, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._mjcf import instances, make_room, write_cable
@@ -58,6 +59,7 @@ class AxisModel:
         description: Description,
         axis: Axis,
         model: mujoco.MjModel,
+        data: mujoco.MjData,
         ends: Mapping[str, tuple[int, int]],
         mover: Mover | None,
     ) -> None:
@@ -75,7 +77,7 @@ class AxisModel:
             motor_out=int(model.actuator_outadr[motor.id]),
             wearer_out=-1 if mover is None else mover.out,
         )
-        arms = neutral_moments(model)
+        arms = neutral_moments(model, data)
         self._proximal, self._distal = (
             {name: float(arms[pair[side], dof]) for name, pair in own_ends.items()}
             for side, dof in enumerate((self.places.motor_v, self.places.joint_v))
@@ -111,7 +113,7 @@ class AxisModel:
             self.winding = open_winding(model, int(tendon), int(mouth), axis.joint)
             self._unknown = self.winding is None
         else:
-            self.winding = winding_of(model, self.first[1], axis.joint)
+            self.winding = winding_of(model, data, self.first[1], axis.joint)
         self.shared_ratios: dict[str, float] = {}
         """Ratio at every joint of another axis that the cable turns [-]."""
         if isinstance(self.winding, Winding):
@@ -125,7 +127,7 @@ class AxisModel:
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
         rivals = [ends[name][1] for name in description.rivals(axis)]
-        self._others = _other_torques(model, self.places, mover, rivals)
+        self._others = _other_torques(model, data, self.places, mover, rivals)
         medium = model.opt.density or model.opt.viscosity
         self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
@@ -235,11 +237,13 @@ class DeviceModel:
         description: Description,
         model: mujoco.MjModel,
         wearer: Wearer | Mapping[str, Wearer] | None = None,
+        data: mujoco.MjData | None = None,
     ) -> None:
         """Find the parts of a device in a compiled model of its scene, or of a variant.
 
         `wearer` is the impedance of the wearer at the only driven joint, or a
-        dictionary by joint; by default it is that of the model.
+        dictionary by joint; by default it is that of the model. `data` are overwritten;
+        they may be of a model of equal layout, and spare the time to make new ones.
 
         Raises:
             CableError: One wearer is given for several joints, the wearer does not move
@@ -264,10 +268,11 @@ class DeviceModel:
                     "whose impedance could be set."
                 )
             self._write_wearer(joint, impedance)
+        data = data or mujoco.MjData(model)
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
         self.axes = tuple(
-            AxisModel(description, axis, model, ends, self.movers.get(axis.limb))
+            AxisModel(description, axis, model, data, ends, self.movers.get(axis.limb))
             for axis in description.axes
         )
         """The axes, in the order of the description."""
@@ -284,6 +289,8 @@ class DeviceModel:
         """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
         self.cables = plugin.from_mjcf(model)
         """The cables of the model, as it was given."""
+        self.written: dict[str, Cable] = {}
+        """Cables to write into the model first, see `with_cables`."""
 
     @property
     def wearers(self) -> dict[str, Wearer]:
@@ -299,17 +306,36 @@ class DeviceModel:
         """Return the angle of a joint in the pose `qpos0` [rad]."""
         return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
 
-    def drives(self, period: float) -> tuple[Drive, ...]:
-        """Return each axis's drive, with its sensors, for a control period [s]."""
-        about = self.description
+    def drives(
+        self,
+        period: float,
+        sensing: Sensing | None = None,
+        changes: Iterable[Mapping[str, Any]] = itertools.repeat({}),
+    ) -> tuple[Drive, ...]:
+        """Return each axis's drive, with its sensors, for a control period [s].
+
+        `sensing` are the sensors, by default those of the description. `changes` has
+        fields of the drive of each axis to change.
+        """
+        about, sensing = self.description, sensing or self.description.sensing
         made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
         turned = Counter(j for one in made for j in (one.joint, *one.shared_ratios))
         drives = []
-        for axis, drive in zip(about.axes, made, strict=True):
-            own: Any = {"shared_joint": turned[drive.joint] > 1}
-            own["hysteresis"] = about.hysteresis.get(axis.name, {})
-            drives.append(dataclasses.replace(about.sensing.equip(drive), **own))
+        for axis, drive, own in zip(about.axes, made, changes, strict=False):
+            shared, known = turned[drive.joint] > 1, about.hysteresis.get(axis.name, {})
+            own = {"shared_joint": shared, "hysteresis": known, **own}
+            drives.append(sensing.equip(drive, **own))
         return tuple(drives)
+
+    def with_cables(self, cables: Mapping[str, Cable]) -> DeviceModel:
+        """Return a copy with other cables, which `start` writes into the same model."""
+        made = copy.copy(self)
+        made.written = {
+            name: cables[name].replace(route=own.route)
+            for name, own in self.cables.items()
+        }
+        made.cables = made.written
+        return made
 
     def apply_plant(self, plant: Plant) -> None:
         """Write the wearer and the cables of a plant into the compiled model.
@@ -337,6 +363,8 @@ class DeviceModel:
         earlier state is lost.
         """
         model = self.model
+        for name, cable in self.written.items():
+            write_cable(model, name, cable)
         mujoco.mj_resetData(model, data)
         for name, angle in angles.items():
             data.qpos[model.joint(name).qposadr[0]] = angle
@@ -392,7 +420,11 @@ def _require_parts(description: Description, model: mujoco.MjModel) -> None:
 
 
 def _other_torques(
-    model: mujoco.MjModel, places: Places, mover: Mover | None, rivals: Collection[int]
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    places: Places,
+    mover: Mover | None,
+    rivals: Collection[int],
 ) -> tuple[tuple[int, float, int], ...]:
     """Return the actuators at the joint except the wearer and the axis's own cables.
 
@@ -400,7 +432,7 @@ def _other_torques(
     `actuator_moment`; that is -1 if the gear is the arm. `rivals` are the outputs of
     other axes' cables at the joint, which count among the actuators.
     """
-    data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, data)
     mujoco.mj_fwdPosition(model, data)
     cables = set(instances(model).values())
     found = []

@@ -195,9 +195,15 @@ class MeasuredWinding:
         return {name: float(v) for name, v in self._winding.read(data).items()}
 
 
-def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of output `end`; None if a round pulley moves it equally."""
-    data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
+def winding_of(
+    model: mujoco.MjModel, data: mujoco.MjData, end: int, joint: str
+) -> Winding | None:
+    """Return the winding of output `end`; None if a round pulley moves it equally.
+
+    `data` are overwritten.
+    """
+    dof = int(model.joint(joint).dofadr[0])
+    mujoco.mj_resetData(model, data)
     mujoco.mj_fwdPosition(model, data)
     start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])
     dofs = data.moment_colind[start : start + count].copy()
@@ -223,24 +229,30 @@ class Arms:
     def __init__(self, model: mujoco.MjModel) -> None:
         """Evaluate the arms in `qpos0` and five poses over the joints' ranges."""
         self.model = model
-        swept = np.abs(moments(model, [model.qpos0, *_poses(model)]))
+        data = mujoco.MjData(model)
+        swept = np.abs(moments(model, data, [model.qpos0, *_poses(model)]))
         self.most, self.mean = swept.max(axis=0), swept.mean(axis=0)
         """Largest and mean absolute arms, (outputs, nv)."""
-        self._neutral = neutral_moments(model)
+        self._neutral = neutral_moments(model, data)
 
     def neutral(self, out: int, joint: int) -> float:
         """Return the signed arm of output `out` at `joint` in the pose `qpos0`."""
         return float(self._neutral[out, self.model.jnt_dofadr[joint]])
 
 
-def neutral_moments(model: mujoco.MjModel) -> Array:
+def neutral_moments(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
-    return np.asarray(moments(model, [model.qpos0])[0])
+    return np.asarray(moments(model, data, [model.qpos0])[0])
 
 
-def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
-    """Return the moment arms of all actuators in each pose, (poses, outputs, nv)."""
-    data = mujoco.MjData(model)
+def moments(
+    model: mujoco.MjModel, data: mujoco.MjData, poses: Sequence[Array]
+) -> Array:
+    """Return the moment arms of all actuators in each pose, (poses, outputs, nv).
+
+    `data` are overwritten.
+    """
+    mujoco.mj_resetData(model, data)
     found = np.zeros((len(poses), model.nout, model.nv))
     for dense, qpos in zip(found, poses, strict=True):
         data.qpos[:] = qpos

@@ -29,7 +29,14 @@ from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
-from cc_mujoco.device._variables import Value, of_owner, owner_axes, read_values, split
+from cc_mujoco.device._variables import (
+    WRITTEN,
+    Value,
+    of_owner,
+    owner_axes,
+    read_values,
+    split,
+)
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.metrics._metric import Key
@@ -195,6 +202,12 @@ class Plant:
         segments = (cable.segments for cable in cables)
         return (*segments, *stripping.route_tendons(cables), *walks, *lags)
 
+    @property
+    def compiled_values(self) -> dict[str, Value]:
+        """Values other than those that `DeviceModel.with_cables` writes."""
+        each = self.values.items()
+        return {name: value for name, value in each if split(name)[1] not in WRITTEN}
+
     def check(self) -> None:
         """Check that the plant can be simulated.
 
@@ -345,12 +358,10 @@ class Plant:
         if "break_away" in own:
             changes["static_friction"] = float(own["break_away"]) * kinetic
         try:
-            cable = _conduit(cable, own)
-            if "static_friction" in changes:
-                changes["friction"] = kinetic
-            elif friction is not None:
-                cable = cable.with_friction(kinetic)
-            return cable.replace(**changes)
+            changes.setdefault("conduit", _conduit(cable, own))
+            if friction is not None and "static_friction" not in changes:
+                return cable.with_friction(kinetic, **changes)
+            return cable.replace(**changes | {"friction": kinetic})
         except CableError as error:
             raise CableError(f"{where}: {error}.") from None
 
@@ -512,7 +523,7 @@ def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
         )
 
 
-def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
+def _conduit(cable: Cable, own: Mapping[str, Value]) -> tuple[Section, ...]:
     sections = cable.conduit
     if "length" in own:
         longer = float(own["length"]) / cable.length
@@ -533,4 +544,4 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
         bent = float(own["bend_radius"])
         radii = [bent if radius < math.inf else radius for radius in radii]
     lengths = (s.length for s in sections)
-    return cable.replace(conduit=tuple(map(Section, lengths, radii)))
+    return tuple(map(Section, lengths, radii))

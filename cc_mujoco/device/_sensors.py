@@ -193,14 +193,14 @@ class Sensing:
                 f"{self.joint_sensor!r}."
             )
 
-    def equip(self, drive: Drive) -> Drive:
-        """Return a drive with these sensors.
+    def equip(self, drive: Drive, **changed: Any) -> Drive:
+        """Return a drive with these sensors, and with other fields `changed`.
 
         It has tension sensors at both ends and the middle of every cable, the delay,
         and the noise of the torque sensor; without a joint sensor it has the delay
         alone.
         """
-        changed: dict[str, Any] = {"delay": self.delay, "sensors": ()}
+        changed |= {"delay": self.delay, "sensors": ()}
         if self.joint_sensor:
             deviations = (max(self.tension_noise, 1e-6),) * 3
             for cable in (one.cable for one in drive.cables):

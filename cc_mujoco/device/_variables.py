@@ -61,6 +61,13 @@ IN_EPISODES: dict[str, Parameter] = _OF["episode"] | _PARAMETERS
 IN_EPISODES |= {name: OF_CABLES[name] for name in ("break_away", "wrap")}
 """Variables that may change from episode to episode of one compiled model."""
 
+WRITTEN = frozenset(_PARAMETERS.keys() | _OF["cable"].keys() | _OF["design"].keys()) - {
+    "segments",
+    "motor_radius",
+    "joint_radius",
+}
+"""Variables that change nothing of a compiled model but numbers of its cables."""
+
 VALUES: dict[str, Parameter] = VARIABLES | IN_EPISODES
 """Every variable of a plant by name."""
 
@@ -136,12 +143,9 @@ def read_values(
     }
     owners = [[cable, *owner_axes(cable, axes)] for cable in cables]
     for own in [*owners, *([axis] for axis in axes)]:
+        together = of_owner(read, *own)
         for group in CONFLICTS:
-            clash = [
-                n
-                for n in group
-                if n in read or any(f"{owner}.{n}" in read for owner in own)
-            ]
+            clash = [name for name in group if name in together]
             if len(clash) > 1:
                 raise CableError(
                     f"variables {clash[0]!r} and {clash[1]!r} set the same thing; "
@@ -157,6 +161,8 @@ def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
 def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
     """Return values of cables or axes; names with an owner take precedence."""
     own = {name: value for name, value in values.items() if "." not in name}
+    if len(own) == len(values):
+        return own
     for owner in owners:
         start = f"{owner}."
         named = {name: v for name, v in values.items() if name.startswith(start)}

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -142,24 +142,27 @@ def instances(model: mujoco.MjModel) -> dict[str, int]:
 
 
 def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
+    return _parse(tuple(_config_of(model, instance).items()), name)
+
+
+def _config_of(model: mujoco.MjModel, instance: int) -> dict[str, str]:
     start = model.plugin_attradr[instance]
     texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
-    config = tuple(
-        (key, text.decode(errors="replace"))
+    return {
+        key: text.decode(errors="replace")
         for key, text in zip(KEYS, texts, strict=False)
         if text
-    )
-    return _parse(config, name)
+    }
 
 
-def make_room(spec: mujoco.MjSpec) -> None:
+def make_room(spec: mujoco.MjSpec, spare_bytes: int = SPARE_BYTES) -> None:
     """Pad the configurations of cables so that `write_cable` can write longer ones."""
     require_kind("spec", spec, mujoco.MjSpec)
     for instance in spec.plugins:
         config = dict(instance.config)
         if instance.plugin_name == PLUGIN and "conduit" in config:
             # Of the keys, `conduit` is one whose text may end in blanks.
-            spare = config["conduit"] + SPARE_BYTES * " "
+            spare = config["conduit"] + spare_bytes * " "
             instance.config = {**config, "conduit": spare}
 
 
@@ -179,9 +182,13 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
     """
     instance = look_up("cable", name, instances(model))
     require_kind("cable", cable, Cable)
-    before = cable_of(model, instance, name)
-    for key in ("segments", "path"):
-        if getattr(before, key) != getattr(cable, key):
+    config = _config_of(model, instance)
+    before = {
+        "segments": int(config.get("segments", Cable.segments)),
+        "path": config.get("path", Cable.path),
+    }
+    for key, value in before.items():
+        if value != getattr(cable, key):
             raise CableError(
                 f"cable {name!r} cannot change its `{key}` in a compiled model, on "
                 "which its state depends; write it into the MjSpec by `to_mjcf`."
@@ -206,25 +213,29 @@ def _shortest_texts(cable: Cable) -> Iterator[str]:
 
     It is empty if the value is the default of an optional key.
     """
-    config, defaults = cable.to_config(), Cable().to_config()
-    numbers = {*(parameter.name for parameter in PARAMETERS), "conduit"}
+    config, (defaults, numbers) = cable.to_config(), _defaults()
+    own = {key: text for key, text in config.items() if text != defaults.get(key)}
     for key in KEYS:
-        text = config.get(key, "")
-        if key not in REQUIRED and text == defaults.get(key):
-            text = ""
-        elif key in numbers:
+        text = config[key] if key in REQUIRED else own.get(key, "")
+        if text and key in numbers:
             text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
             text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
         yield text
+
+
+@cache
+def _defaults() -> tuple[dict[str, str], set[str]]:
+    """Return the texts of a cable's defaults, and the keys whose texts have numbers."""
+    return Cable().to_config(), {*(p.name for p in PARAMETERS), "conduit"}
 
 
 @lru_cache(maxsize=256)
 def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
     given = dict(config)
     where = f"plugin `{PLUGIN}`, instance '{name}'"
-    allowed = {p.name: p.allowed for p in PARAMETERS}
     for key in REQUIRED:
         if key not in given:
+            allowed = {p.name: p.allowed for p in PARAMETERS}
             what = allowed.get(key, "sections `length:radius` in metres")
             raise CableError(f"{where}: key `{key}` is missing; it must be {what}")
     return Cable.from_config(given, where)

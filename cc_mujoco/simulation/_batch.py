@@ -73,16 +73,18 @@ class Simulations:
         count: int,
         models: Sequence[mujoco.MjModel] | None = None,
         threads: int = 0,
+        written: bool = False,
     ) -> None:
         """Make `count` simulations, on the model of `exo` or on `models`, one each.
 
-        Call `start` for each before `advance`. 0 threads means one per processor.
+        Call `start` for each before `advance`. 0 threads means one per processor. With
+        `written`, `models` are that of `exo`, and the devices have cables of their own.
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
         own = bool(exo.plants.varied) or models is not None
         self.batch = mujoco_batch.Batch(device.model, count, threads, persistent=own)
-        if models is not None:
+        if models is not None and not written:
             self.batch.set_models(models)
         self._device = device
         self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
@@ -99,8 +101,11 @@ class Simulations:
 
     @exclusive
     def vary(self, row: int, plant: Plant) -> None:
-        # What defines a plant
-        for name in ("plugin_attr", "actuator_gainprm", "actuator_biasprm"):
+        self._copy(row, "plugin_attr", "actuator_gainprm", "actuator_biasprm")
+
+    def _copy(self, row: int, *fields: str) -> None:
+        """Give a simulation these fields of the model that defines its plant."""
+        for name in fields:
             self.batch.expand(name)[row] = getattr(self._device.model, name)
 
     @exclusive
@@ -112,10 +117,11 @@ class Simulations:
         prepare: Callable[[mujoco.MjData], object] = lambda data: None,
     ) -> None:
         """Start an episode of a simulation; `prepare` may change its data last."""
-        same = device is self._device
-        data = self._data if same else mujoco.MjData(device.model)
+        data = self._data  # to make others takes as long as half an episode
         device.start(data, script.angles, script.part(0).commands[0])
         prepare(data)
+        if device.written:
+            self._copy(row, "plugin_attr")
         kind = mujoco.mjtState.mjSTATE_INTEGRATION.value
         mujoco.mj_getState(device.model, data, self.batch.state[row], kind)
         if self.physics is self._bound:
@@ -250,12 +256,13 @@ class Batch:
         """Mask of the devices that have not failed."""
         self.failed = [""] * count
         """Reasons of those that failed; else empty."""
-        self.simulations = Simulations(exo, count, models, threads)
+        written = bool(devices[0].written)
+        self.simulations = Simulations(exo, count, models, threads, written)
         self.devices = devices
         self.exo, self.name, self._whole, self._alone = exo, name, whole, alone
         self.prefixes = exo.device.prefixes
         """Beginnings of the columns of each axis."""
-        self.wiring = Wiring(exo, devices, count)
+        self.wiring = Wiring(exo, devices[:1] if written else devices, count)
         self._samples = np.zeros(count, np.int64)
         self._every = np.ones(count, np.bool_)
         self._limit = np.stack([device.torque_limits for device in devices])

@@ -29,6 +29,7 @@ from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import Reader
+from cc_mujoco.plugin._mjcf import make_room
 from cc_mujoco.simulation import _compiled_episode as compiled
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns, missing_torque_error
@@ -53,8 +54,10 @@ class Episode:
     wearer: Wearer | Mapping[str, Wearer] | None = None
     """At the only driven joint, or by joint; that of the models by default."""
 
-    def device(self, model: mujoco.MjModel) -> DeviceModel:
-        return DeviceModel(self.description, model, self.wearer)
+    def device(
+        self, model: mujoco.MjModel, data: mujoco.MjData | None = None
+    ) -> DeviceModel:
+        return DeviceModel(self.description, model, self.wearer, data)
 
     def exo(self, model: mujoco.MjModel) -> WornDevice:
         played = self.trajectory, self.task, self.duration, self.frame_skip
@@ -79,12 +82,35 @@ class Rollout:
     failed: tuple[str, ...]  # why the simulation of a design failed, else empty, (n,)
 
 
-def attended(plant: Plant) -> mujoco.MjModel:
-    """Compile a plant's model with the plugin that runs compiled episodes."""
+def attended(plant: Plant, spare_bytes: int = 0) -> mujoco.MjModel:
+    """Compile a plant's model with the plugin that runs compiled episodes.
+
+    Its cables get room for configurations longer by `spare_bytes`, see `make_room`.
+    """
     spec = plant.spec()
+    if spare_bytes:
+        make_room(spec, spare_bytes)
     with _one:  # two threads would register the plugin twice
         compiled.attend(spec)  # at last, as a copy loses what no element refers to
     return spec.compile()
+
+
+def attended_together(plants: Sequence[Plant]) -> list[mujoco.MjModel]:
+    """Compile models for `play`: one of each plant, or one that all can use.
+
+    To compile a plant takes as long as a tenth of a second of its episode.
+    """
+    first, *others = [plant.compiled_values for plant in plants]
+    if not others or any(values != first for values in others):
+        return [attended(plant) for plant in plants]
+    base = Plant(plants[0].device, first)
+    longest = max(max(_text_sizes(plant)) for plant in plants)
+    return [attended(base, max(longest - min(_text_sizes(base)), 0))]
+
+
+def _text_sizes(plant: Plant) -> list[int]:
+    """Return the number of characters that configure each cable of a plant."""
+    return [len("".join(one.to_config().values())) for one in plant.cables.values()]
 
 
 def play(
@@ -92,15 +118,19 @@ def play(
     models: Sequence[mujoco.MjModel],
     threads: int = 1,
     tick: Callable[[float], object] = lambda share: None,
+    plants: Sequence[Plant] = (),
 ) -> Rollout:
     """Simulate an episode on each of several models of equal layout, one per design.
 
-    `tick` is called from time to time with the fraction done.
+    The only of `models` may be one for all `plants`, see `attended_together`. `tick` is
+    called from time to time with the fraction done.
     """
-    exo = episode.exo(models[0])
-    devices = [exo.device, *(episode.device(model) for model in models[1:])]
-    each = [exo.drives_of(one) for one in devices]
-    drives = [[PERFECT_SENSING.equip(drive) for drive in own] for own in each]
+    exo, data = episode.exo(models[0]), mujoco.MjData(models[0])
+    if len(models) < len(plants):
+        devices = [exo.device.with_cables(plant.cables) for plant in plants]
+    else:
+        devices = [exo.device, *(episode.device(model, data) for model in models[1:])]
+    drives = [exo.drives_of(one, PERFECT_SENSING) for one in devices]
     name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes
     ratio = np.array([[1.0 / drive.ratio for drive in own] for own in drives])
     called = name if isinstance(name, str) else ""

@@ -105,7 +105,8 @@ class Wiring:
 
     def axis_address(self, row: int) -> int:
         """Return the address of the record of the first axis of device `row`."""
-        return self._address + axis_record.AXIS_SIZE * self._axes * row
+        first = row % self._devices * self._axes
+        return self._address + axis_record.AXIS_SIZE * first
 
     def seat(self, row: int, script: Script) -> None:
         self.scripts[row] = script

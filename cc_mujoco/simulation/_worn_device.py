@@ -132,16 +132,18 @@ class WornDevice:
         self.observation_space = Box(-limit, limit, (size,), dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
 
-    def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
-        """Return the drive of each axis of a device: a controller's knowledge of it."""
-        drives, axes = device.drives(self.period), self.description.axes
-        found = []
-        for drive, task, axis in zip(drives, self.tasks, axes, strict=True):
-            own: Any = {"commands_angle": task.commands_angle}
-            found.append(
-                dataclasses.replace(drive, safe_torque=axis.safe_torque, **own)
-            )
-        return tuple(found)
+    def drives_of(
+        self, device: DeviceModel, sensing: Sensing | None = None
+    ) -> tuple[Drive, ...]:
+        """Return the drive of each axis of a device: a controller's knowledge of it.
+
+        It has the sensors of the device unless `sensing` is given.
+        """
+        own = [
+            {"commands_angle": task.commands_angle, "safe_torque": axis.safe_torque}
+            for task, axis in zip(self.tasks, self.description.axes, strict=True)
+        ]
+        return device.drives(self.period, sensing, own)
 
     @property
     def drive(self) -> Drive:

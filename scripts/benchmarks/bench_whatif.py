@@ -1,19 +1,24 @@
 """Designs per second of `cc-mujoco whatif` against a loop of single environments.
 
     python scripts/benchmarks/bench_whatif.py
+    python scripts/benchmarks/bench_whatif.py --designs 10000 --duration 2 --threads 2
 
 The batch and the loop play the same designs by turns in one process, so that what else
 the machine does falls on both, and MuJoCo's own `Batch` steps the same bare models with
-the torques that the controllers gave, in one call. Prints designs per second and ratios
-of speeds; bare times are of this machine only.
+the torques that the controllers gave, in one call on as many threads. Prints designs
+per second and ratios of speeds; bare times are of this machine only. At last it prints
+where the processor time of a batch of designs goes, on one thread.
 """
 
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
+from unittest import mock
 
 import gymnasium
 import mujoco
@@ -24,9 +29,12 @@ from turns import by_turns
 
 from cc_mujoco.control import controller
 from cc_mujoco.design import Execution, Plan, StudySpec, carry_out, episodes, make_plan
+from cc_mujoco.design import _evaluation as evaluation
+from cc_mujoco.design._results_store import Store
 from cc_mujoco.device import PERFECT_SENSING, Measuring, Plant
 from cc_mujoco.plugin import untimed
 from cc_mujoco.simulation import Single, attended, run
+from cc_mujoco.simulation._batch import Simulations
 from cc_mujoco.simulation._rollout import play
 
 EPISODE = (
@@ -50,34 +58,83 @@ def main(
     ranges = {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"}
     if scene != "wrist":
         del ranges["loops"]
-    plan = make_plan(
-        StudySpec(
-            scene, ranges, sampling="lhs", samples=designs, controllers=[law],
-            duration=duration, metrics=EPISODE,
-        )
+    spec = StudySpec(
+        scene, ranges, sampling="lhs", samples=designs, controllers=[law],
+        duration=duration, metrics=EPISODE,
     )  # fmt: skip
-    count, sample = len(plan.designs), min(32, len(plan.designs))
-    turns = {
-        "loop": partial(rates, LOOPED, partial(loop, plan)),
-        "Batch": partial(rates, sample, physics(plan, sample)),
-    }
+    plan = make_plan(spec)
+    count, sample = len(plan.designs), min(64, len(plan.designs))
+    turns = {"loop": partial(rates, LOOPED, partial(loop, plan))}
     for n in threads:
-        whole = partial(carry_out, plan, execution=Execution(threads=n))
-        turns[f"{n} threads"] = partial(rates, count, whole)
+        turns[f"Batch {n}"] = partial(rates, sample, physics(plan, sample, n))
+        turns[f"study {n}"] = partial(rates, count, partial(whole_study, spec, n))
     found = by_turns(turns, rounds)
-    base, raw = found["loop"], found["Batch"][:, 1]
     for name, measured in found.items():
+        kind, _, many = name.partition(" ")
         wall = np.median(measured[:, 0])
-        ratio = np.median(measured[:, 0] / base[:, 0])
-        share = np.median(measured[:, 1] / raw)
-        print(
-            f"{name:10} {wall:7.2f} designs/s, {ratio:5.1f} times the loop; of the "
-            f"processor time {share:.2f} of Batch",
-            flush=True,
-        )
+        ratio = np.median(measured[:, 0] / found["loop"][:, 0])
+        text = f"{name:10} {wall:7.2f} designs/s, {ratio:5.1f} times the loop"
+        if kind == "study":
+            shares = np.median(measured / found[f"Batch {many}"], axis=0)
+            text += "; {:.2f} of Batch, of the processor time {:.2f}".format(*shares)
+        print(text, flush=True)
+    for name, spent in stages(plan).most_common():
+        print(f"{name:20} {1e3 * spent:7.3f} ms of processor time per design")
 
 
-def physics(plan: Plan, count: int) -> Callable[[], object]:
+def whole_study(spec: StudySpec, threads: int) -> None:
+    """Plan and carry out a study in memory."""
+    carry_out(make_plan(spec), execution=Execution(threads=threads))
+
+
+def stages(plan: Plan) -> Counter[str]:
+    """Return the processor time per design of each stage of a plan's first batch [s].
+
+    That of a stage excludes the stages inside it.
+    """
+    spent: Counter[str] = Counter()
+    inner = [0.0]
+
+    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*given: Any, **named: Any) -> Any:
+            start = time.process_time()
+            inner.append(0.0)
+            try:
+                return function(*given, **named)
+            finally:
+                took = time.process_time() - start
+                spent[name] += (took - inner.pop()) / len(designs)
+                inner[-1] += took
+
+        return call
+
+    designs = [plan.designs[row] for row in plan.batches[0]]
+    evaluate = timed("rest", evaluation.evaluate)
+    with ExitStack() as patches:
+        for owner, attribute, name in (
+            (evaluation, "Plant", "plants"),
+            (evaluation, "attended_together", "models"),
+            (evaluation, "play", "preparation"),
+            (Simulations, "roll", "steps"),
+            (evaluation, "measure", "metrics"),
+        ):
+            own = timed(name, getattr(owner, attribute))
+            patches.enter_context(mock.patch.object(owner, attribute, own))
+        results = evaluate(plan.protocol, designs)
+    timed("plan", check_designs)(plan)
+    timed("rows", Store(plan, None).keep)(0, results)
+    return spent
+
+
+def check_designs(plan: Plan) -> None:
+    """Check the designs of a plan's first batch, as `make_plan` does."""
+    across, device = plan.protocol.across, plan.protocol.device
+    for row in plan.batches[0]:
+        across.check(device, plan.designs[row])
+        across.layout(device, plan.designs[row])
+
+
+def physics(plan: Plan, count: int, threads: int) -> Callable[[], object]:
     """Return a function that only steps a plan's first designs, driven as recorded."""
     protocol = plan.protocol
     device = protocol.device
@@ -86,7 +143,7 @@ def physics(plan: Plan, count: int) -> Callable[[], object]:
     exo = episode.exo(models[0])
     script = exo.author.write(np.random.default_rng(0))
     torque = play(episode, models).columns["motor_torque_nm"][:, 1:]
-    batch = Batch(models[0], count, 1, persistent=True)
+    batch = Batch(models[0], count, threads, persistent=True)
     batch.set_models(models)
     integration = int(mujoco.mjtState.mjSTATE_INTEGRATION)
     for row, model in enumerate(models):

@@ -138,7 +138,7 @@ def test_without_friction_joints_get_what_is_desired_by_mujocos_own_moments() ->
         for name, one in logs.items()
     }
     assert errors["decoupled_none"] < 0.05 * errors["none"]
-    arms = moments(model.model, [log["qpos"][-1]])[0]
+    arms = moments(model.model, mujoco.MjData(model.model), [log["qpos"][-1]])[0]
     for axis, prefix in zip(model.axes, model.prefixes, strict=True):
         torque = sum(
             -arms[one.first[1], axis.places.joint_v]
@@ -170,7 +170,7 @@ def test_the_ratio_is_the_moment_of_the_model() -> None:
     knee = model.axes[1]
     assert knee.winding is not None
     read = knee.winding.read(data)
-    arms = moments(model.model, [data.qpos])[0]
+    arms = moments(model.model, mujoco.MjData(model.model), [data.qpos])[0]
     hip = arms[knee.first[1], model.model.joint("left_hip").dofadr[0]]
     drum = arms[knee.first[0], knee.places.motor_v]
     assert read["torque_ratio_left_hip"] == pytest.approx(

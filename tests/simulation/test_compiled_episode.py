@@ -28,7 +28,13 @@ from cc_mujoco.device import Drive, Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
 from cc_mujoco.simulation import attended
-from cc_mujoco.simulation._rollout import Rollout, law_of, play, task_of
+from cc_mujoco.simulation._rollout import (
+    Rollout,
+    attended_together,
+    law_of,
+    play,
+    task_of,
+)
 from study_marks import study_unless
 
 INSIDE = [name for name, kind in CONTROLLERS.items() if stepped_law(kind)]
@@ -110,6 +116,33 @@ def test_help_that_follows_the_walk_is_the_same(
     for inside, outside in both_ways(monkeypatch, "ankle", vary, "pi", duration=0.9):
         assert_same(inside, outside)
         assert inside.columns["desired_torque_nm"].min() < -1.0
+
+
+@pytest.mark.parametrize("scene", ["wrist", "finger"])
+@pytest.mark.parametrize("law", ["adaptive", "fused"])
+def test_plants_in_one_model_are_those_of_their_own(scene: str, law: str) -> None:
+    own: dict[str, Given] = {"friction": [0.05, 1 / 7], "pretension": [20.0, 100 / 3]}
+    if scene == "wrist":
+        own |= {"loops": [0.5, 2 / 3], "flexor.axial_stiffness": [1e5, 2e5]}
+    given: dict[str, Any] = {"controllers": [law], "duration": 0.05}
+    plan = make_plan(StudySpec(scene, own, **given))
+    plants = [Plant(plan.protocol.device, design) for design in plan.designs]
+    each = [attended(plant) for plant in plants]
+    (one,) = attended_together(plants)
+    before = one.plugin_attr.copy()
+    _, _, episode = episodes(plan.protocol)[0]
+    for _ in range(2):
+        assert_same(play(episode, [one], plants=plants), play(episode, each))
+    assert not np.array_equal(one.plugin_attr, before)
+
+
+@pytest.mark.parametrize(
+    "change", [{"motor_radius": 0.01}, {"wearer": 2.0}, {"segments": 20}]
+)
+def test_plants_that_differ_in_more_than_cables_get_models(change: Any) -> None:
+    plants = [Plant("wrist", values) for values in ({}, change)]
+    assert len(attended_together(plants)) == 2
+    assert len(attended_together([Plant("wrist", change)] * 2)) == 1
 
 
 @pytest.mark.parametrize("name", ["tunnel", "spring", "hold:0.1", "transparent"])

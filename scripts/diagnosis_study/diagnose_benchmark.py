@@ -473,7 +473,7 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
 def truth_of(rig: Rig) -> dict[str, float]:
     """Return the true parameters of a rig in terms of the baseline's lumped scene."""
     # A shaft that twists is soft in series with both cables.
-    shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
+    shaft = MAKES[rig.make].plant_of(rig).bench.shaft
     pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
     return {
         "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),

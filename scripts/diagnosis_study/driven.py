@@ -23,16 +23,25 @@ from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray as Array
 from rig.dataset import truth_of
+from rig.engine import (
+    FAR_A,
+    FAR_B,
+    JOINT,
+    JOINT_SPEED,
+    MEANS,
+    MOTOR,
+    MOTOR_SPEED,
+    NEAR_A,
+    Asked,
+    at_rest,
+)
 from rig.guides import advance, start
 from rig.nominal import Rig
 from rig.sensors import CHANNELS
 
 STEP = 2e-4  # longest time step of the equations [s]
-LEFT_OUT = (
-    "detent", "play", "offcentre", "unbalance", "strap", "bearing", "catch",
-    "settling",
-)  # fmt: skip
-"""Properties of the plant that `advance` does not play."""
+LEFT_OUT = ("unbalance", "joint_stiffness", "bearing", "catch")
+"""Loads on the joint's pulley, which `joint_torque` has not in it."""
 HAND = (10.0, 0.3)  # stiffness [N m/rad] and damping [N m s/rad] of the hand
 
 
@@ -87,20 +96,22 @@ class Bench:
         """
         truth, plain = truth_of(rig, effects, rig.seed), truth_of(rig, {}, rig.seed)
         self.plant = truth.plant
-        changed = [k for k in LEFT_OUT if getattr(self.plant, k)]
-        if changed or truth.chain != plain.chain:
+        if any(getattr(self.plant.bench, name) for name in LEFT_OUT) or (
+            truth.chain != plain.chain
+        ):
             raise CableError(
                 f"this rig cannot hide {', '.join(effects)}: it plays what is in the "
-                "cables and inertia, no other load on the shafts and no sensor's fault."
+                "cables and at the motor, no load on the joint and no sensor's fault."
             )
         self.period = period
-        self.pretension = rig.pretension * tightness
-        self.cables = start(self.plant, self.pretension, (0.0, 0.0))
-        self.state = np.zeros(4)
-        self.ends = np.full(4, self.pretension)
+        still = Asked(np.zeros(2), np.zeros(2), np.zeros((1, 2)), np.zeros((1, 2)))
+        self._steps = math.ceil(period / STEP - 1e-9)
+        run = at_rest(self.plant.bench, rig.pretension * tightness, still, 1)
+        self._run = run._replace(dt=period / self._steps)
+        self._now = 0.0
+        self.cables = start(self.plant, run.pretension, (0.0, 0.0))
         self._hand = hand
         self._lag, self._torque = motor_lag, 0.0
-        self._steps = math.ceil(period / STEP - 1e-9)
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
         """Advance a period by motor torque [N m] and the hand's motion [rad, rad/s]."""
@@ -116,15 +127,24 @@ class Bench:
             self._torque = torque + behind * (1.0 - passed)
 
     def _advance(self, torque: float, hand: Array, steps: int) -> None:
-        advance(
-            self.plant, self.cables, self.pretension, self.state, self.ends, torque,
-            hand, steps, self.period / self._steps,
-        )  # fmt: skip
+        advance(self.plant, self.cables, self._run, torque, hand, self._now, steps)
+        self._now += steps * self._run.dt
+
+    @property
+    def state(self) -> Array:
+        """Angle and speed of the motor and of the joint [rad, rad/s]."""
+        return self._run.shafts[[MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED]]
+
+    @property
+    def ends(self) -> Array:
+        """Tensions of both cables at the motor and at the joint (4,) [N]."""
+        return self._run.now[NEAR_A:MEANS]
 
     @property
     def joint_torque(self) -> float:
         """Torque that the cables put into the joint [N m]."""
-        return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
+        now = self._run.now
+        return float(self.plant.bench.joint_radius * (now[FAR_A] - now[FAR_B]))
 
 
 Swing = Callable[[float], tuple[float, float]]

@@ -44,9 +44,7 @@ def _simulated(
     session = []
     for k, trial in enumerate(make_trials(TRIALS, rig.seed)):
         own, values = change(k)
-        truth = truth_of(own, {}, rig.seed)
-        if values:
-            truth = truth._replace(plant=truth.plant._replace(**values))
+        truth = truth_of(own, {}, rig.seed).changed(**values)
         signals = sampled(run(truth, own, trial), own, truth.chain, BASIC)
         session.append(logged(signals, truth.chain, BASIC, [rig.seed, rig.seed, k]))
     return session

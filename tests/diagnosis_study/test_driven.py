@@ -51,6 +51,19 @@ def test_its_torque_keeps_the_limits_of_the_loop() -> None:
     assert np.abs(np.diff(rows[:, 8])).max() <= 5.0 * 0.002 + 1e-12
 
 
+def test_it_hides_what_is_at_the_motor_and_in_the_pretension() -> None:
+    rig = make_rig(1, make="guides")
+    found = []
+    for hidden in ({}, {"pretension_loss": 0.3}, {"motor_cogging": 0.5}):
+        bench = Bench(rig, hidden, 0.002)
+        for _ in range(250):
+            bench.advance(1.0, 0.0, 0.0)
+        found.append((bench.ends.mean(), bench.state[0]))
+    usual, lost, cogging = found
+    assert lost[0] < 0.95 * usual[0]
+    assert abs(cogging[1] - usual[1]) > 1e-4
+
+
 @pytest.mark.study
 def test_a_controller_that_knows_the_drag_tracks_three_times_better(
     tmp_path: Path,
@@ -94,5 +107,5 @@ def test_friction_that_needs_no_tension_holds_slack_cables_and_breaks_nothing(
     assert slack and np.all(np.diff(work) > -1e-6)
     for _ in range(800):
         bench.advance(5.0, 0.0, 0.0)
-    carried = bench.plant.motor_radius * (bench.ends[0] - bench.ends[1])
+    carried = bench.plant.bench.motor_radius * (bench.ends[0] - bench.ends[1])
     assert abs(bench.state[1]) < 1e-2 and carried == pytest.approx(5.0, rel=1e-2)

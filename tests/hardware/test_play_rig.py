@@ -41,7 +41,7 @@ def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
     bench = held(torque)
     plant, felt = bench.plant, bench.joint_torque
     assert np.abs(bench.state[[1, 3]]).max() < 1e-3  # at rest
-    near = plant.motor_radius * (bench.ends[0] - bench.ends[1])
+    near = plant.bench.motor_radius * (bench.ends[0] - bench.ends[1])
     assert near == pytest.approx(torque, rel=1e-3)
     assert felt == pytest.approx(HAND[0] * bench.state[2], rel=1e-3)
     assert 0.0 < felt / torque < 1.0
@@ -56,7 +56,7 @@ def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["joint_gravity", "sensor_delay", "pretension_loss"])
+@pytest.mark.parametrize("name", ["joint_gravity", "sensor_delay"])
 def test_what_it_does_not_play_is_refused(name: str) -> None:
     with pytest.raises(CableError, match=f"cannot hide {name}"):
         Bench(make_rig(1, make="guides"), {name: 0.1}, PERIOD)

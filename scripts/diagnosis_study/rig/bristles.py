@@ -23,109 +23,67 @@ import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig import engine
-from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, MOTOR_SPEED, SLIP
 from rig.nominal import Rig
+
+STRAND_TIME = 1.5e-5  # Kelvin-Voigt damping of the strand over its stiffness [s]
+TENSION = 80.0  # tension at which constants are those stated [N]
+LAG = 0.02  # first-order lag of friction behind speed [s]: frictional memory
+AGEING_TIME = 0.05  # [s]
+AGEING_SLIP = 1e-4  # travel that renews a contact [m]
+HEAT = 8.0  # work of friction that warms a cable [J]
+COOLING_TIME = 12.0  # [s]
+BUMP_WIDTH = 0.004  # [m]
+BEDDING = 40.0  # tension over which a strand beds in [N]
 
 
 class Plant(NamedTuple):
     """All constants of the equations of motion; SI and radians."""
 
-    # --- the bench -----------------------------------------------------------
+    bench: engine.Bench
     nodes: int
-    motor_radius: float
-    joint_radius: float
     length: float
     wrap: float
     axial_stiffness: float
     friction_a: float
     friction_b: float
     line_density: float
-    joint_inertia: float
-    joint_damping: float
-    rotor_inertia: float
-    material_time: float = 1.5e-5
-    """Kelvin-Voigt damping of the strand over its stiffness [s]."""
     presliding: float = 1e-6
     """Travel over which a contact comes to sliding at nominal tension [m]."""
-    reference_tension: float = 80.0
 
     # --- friction ------------------------------------------------------------
     viscous: float = 0.0  # force per speed, one cable [N s/m]
     stribeck: float = 0.0
     """Excess of friction near rest over sliding friction, relative."""
     stribeck_speed: float = 0.03
-    stribeck_lag: float = 0.02
-    """First-order lag of friction behind speed [s]: frictional memory."""
     asymmetry: float = 0.0
     """Excess of friction while the joint turns positive, relative."""
     load_free: float = 0.0  # friction of the end seals of one cable [N]
     tension_power: float = 0.0  # friction coefficient falls with tension to this power
     ageing: float = 0.0
     """Growth of static friction per e-fold of contact time, relative."""
-    ageing_time: float = 0.05
-    ageing_slip: float = 1e-4  # travel that renews a contact [m]
     wrap_slope: float = 0.0
     """Wrap gained per joint angle, in the third of the conduit next the joint."""
     heating: float = 0.0  # change of friction when warm, relative
-    heating_energy: float = 8.0
-    heating_time: float = 12.0
     bumps: float = 0.0  # excess of friction where the liner is damaged, relative
-    bump_width: float = 0.004
     # Places per cable where the liner may be damaged.
     bump_places: FloatMatrix = np.zeros((2, 5))
 
-    # --- elasticity and geometry ------------------------------------------------
-    pretension_loss: float = 0.0
-    """Part of the pretension that is lost in the end [0..1)."""
-    loss_time: float = 3.0
+    # --- elasticity ----------------------------------------------------------
     stiffening: float = 0.0
     """Relative change of stiffness of cable a from slack to taut; cable b a third."""
-    stiffening_tension: float = 40.0
     end_compliance: float = 0.0
     """Series compliance of the anchorage of one cable [m/N], most of it distal."""
     clamp_creep: float = 0.0
     """Speed at which a conduit slides in its clamp at the joint, per tension above
     `clamp_force` [m/(N s)]."""
     clamp_force: float = 0.0
-    eccentricity: float = 0.0
-    """First harmonic of the motor pulley's radius, relative; the second a quarter."""
-    eccentric_phase: float = 0.0
-    eccentric_phase_2: float = 0.0
-    drum_growth: float = 0.0
-    """Growth of the motor pulley's radius per angle that a cable is wound on, relative
-    [1/rad]."""
-    backlash: float = 0.0  # full gap between joint pulley and handle [rad]
-    contact_stiffness: float = 2e4
-    contact_damping: float = 1.5
-    hub_inertia: float = 2.5e-4
-    """Inertia of the joint pulley once it is a body of its own [kg m^2]."""
-    grip_slip: float = 0.0
-    """Slip of the cables on the motor pulley, speed per excess torque [rad/(N m s)]."""
-    grip_limit: float = 4.0
-
-    # --- loads on the shafts ----------------------------------------------------
-    cogging: float = 0.0
-    cogging_order: float = 14.0
-    cogging_phase: float = 0.0
-    motor_inertia: float = 0.0
-    """Inertia between torque sensor and motor pulley [kg m^2]."""
-    unbalance: float = 0.0  # unbalance of the joint pulley, m g l [N m]
-    unbalance_phase: float = 0.0
-    joint_stiffness: float = 0.0
-    joint_stiffness_rest: float = 0.0
-    extra_joint_inertia: float = 0.0
-    mesh: float = 0.0  # ripple torque of a gear mesh at the joint [N m]
-    mesh_order: float = 23.0
-    mesh_phase: float = 0.0
-    stop_stiffness: float = 0.0
-    """Bumper that the joint pulley meets beyond `stop_angle` [N m/rad]."""
-    stop_angle: float = 0.6
 
 
 def plant_of(rig: Rig, nodes: int = 12) -> Plant:
     """Return the plant of a rig in which nothing is hidden."""
-    bench = [name for name in Plant._fields if hasattr(rig, name)]
-    return Plant(nodes, **{name: getattr(rig, name) for name in bench})
+    bench = engine.bench_of(rig, overtone=2.0, overtone_share=0.3, oval=0.25)
+    own = [name for name in Plant._fields if hasattr(rig, name)]
+    return Plant(bench, nodes, **{name: getattr(rig, name) for name in own})
 
 
 class Cables(NamedTuple):
@@ -140,15 +98,14 @@ class Cables(NamedTuple):
     load: FloatMatrix  # mean tension of both sides of a node [N]
     lagged: FloatMatrix  # low-pass filtered speed, on which friction depends [m/s]
     contact: FloatMatrix  # age of the contacts [s]
-    warmth: FloatArray  # friction work stored as heat over `heating_energy`, (2,)
     ahead: FloatMatrix  # friction limit over load for motion towards the motor
     behind: FloatMatrix  # friction limit over load for motion away from the motor
     bristle: FloatMatrix  # stiffness of the bristles [N/m]
     stiffness: FloatMatrix  # stiffness of the segments (2, nodes + 1) [N/m]
     seal: FloatArray  # load-independent friction (nodes,) [N]
     work: FloatMatrix
-    """Friction and damping work of each cable since the start (2, 2) [J]."""
-    warmed: FloatArray  # friction work already converted into `warmth` (2,) [J]
+    """Friction and damping work of each cable since the start [J], friction work stored
+    as heat over `HEAT`, and friction work already converted into it [J] (2, 4)."""
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -167,8 +124,8 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
     cables = Cables(*(np.zeros((2, n)) for _ in Cables._fields))
     return cables._replace(
         place=np.repeat(np.array(arcs)[:, None], n, axis=1),
-        load=np.full((2, n), pretension), warmth=np.zeros(2), stiffness=k, seal=seal,
-        work=np.zeros((2, 2)), warmed=np.zeros(2),
+        load=np.full((2, n), pretension), stiffness=k, seal=seal,
+        work=np.zeros((2, 4)),
     )  # fmt: skip
 
 
@@ -179,7 +136,7 @@ def fill_tables(p: Plant, cables: Cables) -> None:
     for c in range(2):
         for i in range(p.nodes):
             limit = 0.5 * (cables.ahead[c, i] + cables.behind[c, i])
-            cables.bristle[c, i] = limit * p.reference_tension / p.presliding
+            cables.bristle[c, i] = limit * TENSION / p.presliding
 
 
 @internal
@@ -197,14 +154,14 @@ def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
     """Return the friction coefficient at a node over its plain value."""
     slowness = cables.lagged[c, i] / p.stribeck_speed
     factor = 1.0 + p.stribeck * math.exp(-slowness * slowness)
-    factor += p.ageing * math.log1p(cables.contact[c, i] / p.ageing_time)
-    factor *= 1.0 + p.heating * (1.0 - math.exp(-cables.warmth[c]))
+    factor += p.ageing * math.log1p(cables.contact[c, i] / AGEING_TIME)
+    factor *= 1.0 + p.heating * (1.0 - math.exp(-cables.work[c, 2]))
     if p.tension_power != 0.0:
-        ratio = max(cables.load[c, i], 2.0) / p.reference_tension
+        ratio = max(cables.load[c, i], 2.0) / TENSION
         factor *= ratio**-p.tension_power
     if p.bumps != 0.0:
         for k in range(p.bump_places.shape[1]):
-            away = (cables.place[c, i] - p.bump_places[c, k]) / p.bump_width
+            away = (cables.place[c, i] - p.bump_places[c, k]) / BUMP_WIDTH
             factor += p.bumps * math.exp(-away * away)
     return factor
 
@@ -230,17 +187,17 @@ def update(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
     resting = p.ageing != 0.0 or p.heating != 0.0
     if not (sliding or resting or p.wrap_slope != 0.0 or p.bumps != 0.0):
         return  # friction depends on nothing but load
-    mix = tick / (p.stribeck_lag + tick)
+    mix = tick / (LAG + tick)
     for c in range(2):
-        fresh = cables.work[c, 0] - cables.warmed[c]
-        cables.warmed[c] = cables.work[c, 0]
-        cables.warmth[c] += fresh / p.heating_energy
-        cables.warmth[c] -= tick / p.heating_time * cables.warmth[c]
+        fresh = cables.work[c, 0] - cables.work[c, 3]
+        cables.work[c, 3] = cables.work[c, 0]
+        cables.work[c, 2] += fresh / HEAT
+        cables.work[c, 2] -= tick / COOLING_TIME * cables.work[c, 2]
         for i in range(p.nodes):
             speed = abs(cables.speed[c, i])
             cables.lagged[c, i] += mix * (speed - cables.lagged[c, i])
             age = cables.contact[c, i] + tick
-            cables.contact[c, i] = age / (1.0 + speed * tick / p.ageing_slip)
+            cables.contact[c, i] = age / (1.0 + speed * tick / AGEING_SLIP)
     _look_up(p, cables, joint_angle)
 
 
@@ -299,8 +256,8 @@ def step(
     drag = p.viscous / n
     h = p.stiffening * (1.0 if c == 0 else 0.33)
     # How stiff a strand is depends on its tension, not on how it was laid in.
-    slack = rest - p.reference_tension
-    laid = _laid(slack, h, p.stiffening_tension) if h != 0.0 else 0.0
+    slack = rest - TENSION
+    laid = _laid(slack, h, BEDDING) if h != 0.0 else 0.0
     proximal = 0.0
     before = 0.0
     for i in range(n + 1):
@@ -309,10 +266,10 @@ def step(
         k = cables.stiffness[c, i]
         elastic = rest + k * (near - here)
         if h != 0.0:
-            bedded = _bedded(laid + k * (near - here), h, p.stiffening_tension)
-            elastic = p.reference_tension + bedded
+            bedded = _bedded(laid + k * (near - here), h, BEDDING)
+            elastic = TENSION + bedded
         rate = near_speed - here_speed
-        tension = elastic + p.material_time * k * rate
+        tension = elastic + STRAND_TIME * k * rate
         if tension <= 0.0:
             tension = 0.0
         elif elastic > 0.0:
@@ -365,123 +322,46 @@ STEPS = 5  # steps per tick
 
 
 @compiled
-def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Return the arc wound onto the motor pulley from angle 0, and its slope [m/rad].
-
-    `side` is 1 for cable a and -1 for cable b, which leaves the pulley opposite: half a
-    turn on, so that odd harmonics change their sign.
-    """
-    if p.eccentricity == 0.0:
-        slope = p.motor_radius * (1.0 + side * p.drum_growth * angle)
-        return 0.5 * (p.motor_radius + slope) * angle, slope
-    e = p.eccentricity
-    odd = side * e
-    one = angle - p.eccentric_phase
-    two = 2.0 * (angle - p.eccentric_phase_2)
-    first = math.sin(one) + math.sin(p.eccentric_phase)
-    second = math.sin(two) + math.sin(2.0 * p.eccentric_phase_2)
-    arc = angle + odd * first + 0.125 * e * second
-    slope = 1.0 + odd * math.cos(one) + 0.25 * e * math.cos(two)
-    return p.motor_radius * arc, p.motor_radius * slope
-
-
-@internal
-def _taken(p: Plant, angle: float) -> float:
-    """Return the torque that what sits on the joint pulley takes."""
-    load = p.unbalance * math.sin(angle - p.unbalance_phase)
-    load += p.joint_stiffness * (angle - p.joint_stiffness_rest)
-    if p.mesh != 0.0:
-        load += p.mesh * math.sin(p.mesh_order * angle - p.mesh_phase)
-    if p.stop_stiffness != 0.0 and angle > p.stop_angle:
-        load += p.stop_stiffness * (angle - p.stop_angle)
-    return load
-
-
-@internal
-def _turn_motor(
-    p: Plant, shafts: FloatArray, load: float, drive: float, dt: float
-) -> float:
-    """Advance the motor by dt; return the torque that its sensor shows.
-
-    `load` is the torque of the cables on the pulley, `drive` that of the servo.
-    """
-    if p.grip_slip != 0.0 and abs(load) > p.grip_limit:
-        excess = load - math.copysign(p.grip_limit, load)
-        shafts[SLIP] += p.grip_slip * excess * dt
-    cogging = 0.0
-    if p.cogging != 0.0:
-        phase = p.cogging_order * shafts[MOTOR] - p.cogging_phase
-        cogging = p.cogging * (math.sin(phase) + 0.3 * math.sin(2.0 * phase))
-    inertia = p.rotor_inertia + p.motor_inertia
-    rate = engine.turn(shafts, MOTOR, drive - load - cogging, inertia, dt)
-    return load + cogging + p.motor_inertia * rate
-
-
-@compiled
 def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
-    shafts, now, out = run.shafts, run.now, run.records
-    dt = run.dt
-    hub = p.hub_inertia if p.backlash != 0.0 else 0.0
+    shafts, now, dt = run.shafts, run.now, run.dt
     fill_tables(p, cables)
-    work_in = work_out = 0.0
     rest = run.pretension
     slid_a = slid_b = 0.0  # conduits in their clamps, towards the motor
-    done = 0
-    for record in range(out.shape[0]):
-        row = out[record]
-        for _tick in range(run.steps // STEPS):
-            update(p, cables, shafts[JOINT], STEPS * dt)
-            if p.pretension_loss != 0.0:
-                fade = math.exp(-done * dt / p.loss_time)
-                rest = run.pretension * (1.0 - p.pretension_loss * (1.0 - fade))
-            for _step in range(STEPS):
-                drive, hold = engine.torques(run, done)
-                done += 1
-                gripped = shafts[MOTOR] - shafts[SLIP]
-                arc_a, slope_a = arc(p, gripped, 1.0)
-                arc_b, slope_b = arc(p, gripped, -1.0)
-                speed_a = slope_a * shafts[MOTOR_SPEED]
-                speed_b = slope_b * shafts[MOTOR_SPEED]
-                far = p.joint_radius * shafts[HUB]
-                far_speed = p.joint_radius * shafts[HUB_SPEED]
-                near_a, far_a = step(
-                    p, cables, 0, rest, arc_a, speed_a, far + slid_a, far_speed, dt
-                )
-                near_b, far_b = step(
-                    p, cables, 1, rest, -arc_b, -speed_b, slid_b - far, -far_speed, dt
-                )
-                slid_a += p.clamp_creep * max(far_a - p.clamp_force, 0.0) * dt
-                slid_b += p.clamp_creep * max(far_b - p.clamp_force, 0.0) * dt
-                load = slope_a * near_a - slope_b * near_b
-                given = p.joint_radius * (far_a - far_b)
-                work_in += load * shafts[MOTOR_SPEED] * dt
-                work_out += given * shafts[HUB_SPEED] * dt
-                shown = _turn_motor(p, shafts, load, drive, dt)
-                across = engine.through_play(
-                    shafts, p.backlash, p.contact_stiffness, p.contact_damping
-                )
-                felt = engine.turn_joint(
-                    shafts, given - _taken(p, shafts[HUB]),
-                    hold - p.joint_damping * shafts[JOINT_SPEED], across,
-                    p.joint_inertia, hub, p.extra_joint_inertia, dt,
-                )  # fmt: skip
-                # Angles in the middle of the step, where its torques are.
-                motor = shafts[MOTOR] - 0.5 * dt * shafts[MOTOR_SPEED]
-                joint = shafts[JOINT] - 0.5 * dt * shafts[JOINT_SPEED]
-                seen = joint, felt, shafts[JOINT_SPEED]
-                engine.see(now, (motor, shown), seen, (near_a, near_b), (far_a, far_b))
-                engine.add(row, now, 1.0)
-        rubbed = cables.work[0, 0] + cables.work[1, 0]
-        damped = cables.work[0, 1] + cables.work[1, 1]
-        engine.close(row, run.steps, (work_in, work_out, rubbed, damped))
-        gripped = shafts[MOTOR] - shafts[SLIP]
-        near = arc(p, gripped, 1.0)[0], -arc(p, gripped, -1.0)[0]
-        far = p.joint_radius * shafts[HUB]
-        row[13] = stored(p, cables, rest, near, (far + slid_a, slid_b - far))
+    for k in range(run.records.shape[0] * run.steps):
+        if k % STEPS == 0:
+            update(p, cables, shafts[engine.JOINT], STEPS * dt)
+            rest = engine.tension_at_rest(p.bench, run.pretension, k * dt)
+        drive, hold = engine.torques(run, k)
+        motor_speed = shafts[engine.MOTOR_SPEED]
+        far = p.bench.joint_radius * shafts[engine.HUB]
+        far_speed = p.bench.joint_radius * shafts[engine.HUB_SPEED]
+        near, near_speed = shafts[engine.ARC_A], shafts[engine.SLOPE_A] * motor_speed
+        now[engine.NEAR_A], now[engine.FAR_A] = step(
+            p, cables, 0, rest, near, near_speed, far + slid_a, far_speed, dt
+        )
+        near, near_speed = -shafts[engine.ARC_B], -shafts[engine.SLOPE_B] * motor_speed
+        now[engine.NEAR_B], now[engine.FAR_B] = step(
+            p, cables, 1, rest, near, near_speed, slid_b - far, -far_speed, dt
+        )
+        slid_a += p.clamp_creep * max(now[engine.FAR_A] - p.clamp_force, 0.0) * dt
+        slid_b += p.clamp_creep * max(now[engine.FAR_B] - p.clamp_force, 0.0) * dt
+        engine.balance(p.bench, run)
+        # Angles in the middle of the step, where its torques are.
+        engine.turn_shafts(p.bench, run, drive, hold, 0.5)
+        engine.record(run, k, 1.0)
+        if (k + 1) % run.steps == 0:
+            far = p.bench.joint_radius * shafts[engine.HUB]
+            starts = shafts[engine.ARC_A], -shafts[engine.ARC_B]
+            stops = far + slid_a, slid_b - far
+            engine.close(
+                run, k, cables.work[0, 0] + cables.work[1, 0],
+                cables.work[0, 1] + cables.work[1, 1],
+                stored(p, cables, rest, starts, stops),
+            )  # fmt: skip
     return True
 
 
 # Impacts and falling friction take more steps per record.
 LAW = engine.Law(
-    arc, start, _run, lambda p: 4 * STEPS if p.backlash or p.stribeck else 2 * STEPS
+    start, _run, lambda p: STEPS * (4 if p.bench.backlash or p.stribeck else 2)
 )

@@ -40,13 +40,12 @@ def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
     Cables that are off pull at pulleys of radius 0. A known weight pulls with a
     constant torque; its mass accelerates nothing.
     """
-    make = MAKES[rig.make]
-    hangs = truth.plant.unbalance_phase - trial.tilt
+    hangs = truth.plant.bench.unbalance_phase - trial.tilt
     off = {"motor_radius": 0.0, "joint_radius": 0.0} if trial.unhooked else {}
     servo, environment = np.array(trial.servo), np.array(trial.environment)
     records = integrate(
-        make.law,
-        truth.plant._replace(unbalance_phase=hangs, **off),
+        MAKES[rig.make].law,
+        truth.changed(unbalance_phase=hangs, **off).plant,
         rig.pretension * trial.tightness,
         Asked(servo, environment, trial.command, trial.target),
         refine,

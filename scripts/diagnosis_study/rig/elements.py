@@ -27,40 +27,31 @@ from numpy.random import Generator
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig import engine
-from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, copy, total
+from rig.engine import copy, row_of, solve, total
 from rig.nominal import Rig
 
 ELEMENTS = 40  # elements per cable, with a node between two
 FINER = 0.7  # length per node at the ends over the mean length per node
 
 
+TENSION = 80.0  # tension at which constants are those stated [N]
+STRAND_TIME = 1e-5  # damping of the strand over its stiffness [s]
+CREEP_SLIP = 5e-5  # travel that renews a contact [m]
+FERRULE_TIME = 3e-3  # damping of the fastening over its stiffness [s]
+
+
 class Plant(NamedTuple):
     """All constants of the equations; SI and radians, arrays are (2, ...) by cable."""
 
-    # --- the bench -----------------------------------------------------------
-    motor_radius: float
-    joint_radius: float
+    bench: engine.Bench
     stiffness: FloatMatrix  # stiffness of every element (2, elements) [N/m]
     mass: FloatMatrix  # mass at every inner node (2, elements - 1) [kg]
     bend: FloatMatrix  # bend of the conduit at every inner node (2, elements - 1) [rad]
     middle: FloatArray
     """Position of the inner nodes, 0 at the motor to 1 at the joint (elements - 1,)."""
     friction: FloatArray  # coefficient of friction (2,)
-    joint_inertia: float
-    joint_damping: float
-    rotor_inertia: float
-    strand_time: float = 1e-5  # damping of the strand over its stiffness [s]
     yielding: FloatMatrix = np.full((2, 1), 8e-7)
     """Deflection at which a contact slides (2, 1 or elements - 1) [m]."""
-    reference_tension: float = 80.0
-
-    # --- what no builder gets rid of -------------------------------------------
-    shaft: float = 0.0  # compliance between motor and its pulley [rad/(N m)]
-    shaft_time: float = 1e-3  # damping of the shaft over its stiffness [s]
-    teeth: float = 0.0  # amplitude of the transmission error of the gear [rad]
-    teeth_order: float = 40.0
-    teeth_phase: float = 0.0
-    amplifier: float = 1e6  # torque limit of the motor [N m]
 
     # --- friction ------------------------------------------------------------
     grease: float = 0.0
@@ -76,50 +67,19 @@ class Plant(NamedTuple):
     """Loss of friction coefficient per tension over the reference, relative."""
     creep: float = 0.0  # growth of static friction in a second of rest, relative
     creep_power: float = 0.3
-    creep_slip: float = 5e-5
     leaning: float = 0.0
     """Wrap gained per joint angle, over the half of the conduit next the joint."""
     warming: float = 0.0  # change of friction from cold to warm, relative
     warming_time: float = 4.0
-
-    # --- elasticity and geometry ------------------------------------------------
-    relaxing: float = 0.0  # fraction of the pretension that is lost eventually
-    toe: float = 0.0  # relative deficit in stiffness of a slack strand, in [0, 1)
-    toe_tension: float = 40.0
-    ferrule: float = 0.0  # compliance of the fastening of cable a at the motor [m/N]
-    ferrule_time: float = 3e-3
-    offcentre: float = 0.0
-    """Eccentricity of the motor pulley over its radius; its ovality is half of it."""
-    offcentre_phase: float = 0.0
-    oval_phase: float = 0.0
-    play: float = 0.0  # full gap between joint pulley and handle [rad]
-    contact: float = 1e6
-    """Stiffness of the flanks in contact: torque per angle to the power 3/2 [N m]."""
-    contact_loss: float = 1.5
-    """Damping of the contact over its torque, per speed [s/rad]."""
-    hub_inertia: float = 2.5e-4
-
-    # --- loads on the shafts ----------------------------------------------------
-    slots: float = 0.0
-    """Amplitude of the cogging torque [N m]; a third of it at three times the order."""
-    slots_order: float = 14.0
-    slots_phase: float = 0.0
-    drum: float = 0.0  # inertia between torque sensor and motor pulley [kg m^2]
-    unbalance: float = 0.0  # unbalance of the joint pulley, m g l [N m]
-    unbalance_phase: float = 0.0
-    band: float = 0.0  # stiffness of a softening rubber band at the joint [N m/rad]
-    band_rest: float = 0.0
-    disc: float = 0.0  # extra inertia of the joint pulley [kg m^2]
-
-    # --- what no library should know ----------------------------------------------
     worn: float = 0.0
     """Relative amplitude of the friction coefficient along the travel of the cable."""
     worn_pitch: float = 0.02
     worn_phase: float = 0.0
-    felt: float = 0.0  # stiffness of a band at the joint with play of its own [N m/rad]
-    felt_play: float = 0.15
-    putty: float = 0.0  # stiffness of a band at the joint that relaxes [N m/rad]
-    putty_time: float = 0.5
+
+    # --- elasticity ----------------------------------------------------------
+    toe: float = 0.0  # relative deficit in stiffness of a slack strand, in [0, 1)
+    toe_tension: float = 40.0
+    ferrule: float = 0.0  # compliance of the fastening of cable a at the motor [m/N]
 
 
 def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
@@ -131,19 +91,16 @@ def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
     node = 0.5 * (border[:-1] + border[1:])
     length = np.diff(np.concatenate([[0.0], node, [1.0]]))
     bend = np.stack([rig.wrap * _swaying(border, random) for _ in range(2)])
-    return Plant(
-        rig.motor_radius,
-        rig.joint_radius,
-        np.tile(rig.axial_stiffness / (length * rig.length), (2, 1)),
-        np.tile(rig.line_density * rig.length * np.diff(border), (2, 1)),
-        bend,
-        node,
-        np.array([rig.friction_a, rig.friction_b]),
-        rig.joint_inertia,
-        rig.joint_damping,
-        rig.rotor_inertia,
+    bench = engine.bench_of(
+        rig, overtone=3.0, overtone_share=1.0 / 3.0, oval=0.5, softening=1.2,
+        loss_time=5.0, fast_loss=0.4, contact_stiffness=1e6, rounded=True,
         **_lived_with(random),
-    )
+    )  # fmt: skip
+    return Plant(
+        bench, np.tile(rig.axial_stiffness / (length * rig.length), (2, 1)),
+        np.tile(rig.line_density * rig.length * np.diff(border), (2, 1)), bend, node,
+        np.array([rig.friction_a, rig.friction_b]),
+    )  # fmt: skip
 
 
 def _swaying(border: FloatArray, random: Generator) -> FloatArray:
@@ -178,21 +135,6 @@ _ENOUGH = 1e-7
 _ITERATIONS = 60
 
 
-class _Row(NamedTuple):
-    """Terms of the balance of the nodes."""
-
-    slope: FloatArray  # derivative of the tension by the stretch (elements,) [N/m]
-    left: FloatArray  # residual force (elements - 1,) [N]
-    low: FloatArray  # negative derivative of `left` by the previous node's place [N/m]
-    mid: FloatArray  # negative derivative by the node's own place [N/m]
-    high: FloatArray  # negative derivative by the next node's place [N/m]
-    force: FloatArray  # force of friction and grease [N]
-    z: FloatArray  # deflection of the contacts [m]
-    old: FloatArray  # place a step ago [m]
-    held: FloatArray  # friction over load
-    dry: FloatArray  # load-independent friction [N]
-
-
 class Cables(NamedTuple):
     """State of both cables; displacements are towards the motor [m]."""
 
@@ -205,7 +147,7 @@ class Cables(NamedTuple):
     elastic: FloatMatrix  # the same without damping [N]
     ferrule: FloatArray  # elongation of the fastening at the motor (2,) [m]
     work: FloatMatrix  # work of friction and of damping, by cable (2, 2) [J]
-    room: FloatMatrix  # work space (10, elements), see `_row`
+    room: FloatMatrix  # work space (10, elements), see `engine.Row`
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -256,7 +198,7 @@ def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float
 @internal
 def _coefficients(p: Plant, cables: Cables, c: int, joint: float, time: float) -> None:
     """Fill in friction over load and load-independent friction."""
-    row = _row(cables.room)
+    row = row_of(cables.room)
     held, dry = row.held, row.dry
     inner = held.size
     overall = p.friction[c]
@@ -302,7 +244,7 @@ def _balance(
 
     `tight` is the tension at rest, `ends` as in `_advanced`.
     """
-    place, row = cables.place[c], _row(cables.room)
+    place, row = cables.place[c], row_of(cables.room)
     inner = place.size
     tension = cables.tension[c]
     old, held, dry = row.old, row.held, row.dry
@@ -317,7 +259,7 @@ def _balance(
         stretch = ahead - behind
         if e == 0 and soft != 0.0:
             # A spring with a damper in it; the first element is straight then.
-            mix = dt / (dt + p.ferrule_time)
+            mix = dt / (dt + FERRULE_TIME)
             kept = cables.ferrule[c] * (1.0 - mix)
             line = k / (1.0 + k * soft * mix)
             value = line * (stretch - kept + tight / k + tight * soft)
@@ -328,7 +270,7 @@ def _balance(
         else:
             value, rate = pull(k, stretch, p, tight)
         cables.elastic[c, e] = value
-        rub = p.strand_time * k / dt
+        rub = STRAND_TIME * k / dt
         damping = rub * (stretch - (ahead_old - behind_old))
         # A strand that is hardly taut has little to damp with.
         if damping >= value:
@@ -344,14 +286,14 @@ def _balance(
         load = 0.5 * (tension[i] + tension[i + 1])
         grip, grip_slope = held[i] * load, held[i]
         if p.polish != 0.0:
-            over = load / p.reference_tension - 1.0
+            over = load / TENSION - 1.0
             factor = max(1.0 - p.polish * over, 0.2)
             grip *= factor
             grip_slope *= factor
         slides = p.yielding[c, min(i, p.yielding.shape[1] - 1)]
         moved = place[i] - old[i]
         z, yields = deflected(cables.deflection[c, i], moved, slides)
-        row.z[i] = z
+        row.other[i] = z
         part = z / slides
         thin = 1.0 + abs(cables.speed[c, i]) / p.grease_thins
         # Less near the motor, where it was wiped off.
@@ -424,13 +366,13 @@ def _advanced(
 
     `ends` are the displacements of both ends, before and after each.
     """
-    place, row = cables.place[c], _row(cables.room)
+    place, row = cables.place[c], row_of(cables.room)
     inner, old = place.size, row.old
     copy(place, old)
     _coefficients(p, cables, c, joint, time)
     for i in range(inner):
         place[i] += dt * cables.speed[c, i]
-    enough = _ENOUGH * p.reference_tension
+    enough = _ENOUGH * TENSION
     worst = _balance(p, cables, c, tight, ends, dt)
     part, turn = 1.0, 0
     while not worst <= enough:
@@ -438,7 +380,7 @@ def _advanced(
         if turn > _ITERATIONS:
             copy(old, place)
             return False
-        _solved(row.low, row.mid, row.high, row.left)
+        solve(row.low, row.mid, row.high, row.left)
         for i in range(inner):
             place[i] += part * row.left[i]
         now = _balance(p, cables, c, tight, ends, dt)
@@ -451,9 +393,9 @@ def _advanced(
         moved = place[i] - old[i]
         cables.speed[c, i] = moved / dt
         cables.slow[c, i] += mix * (moved / dt - cables.slow[c, i])
-        cables.deflection[c, i] = row.z[i]
+        cables.deflection[c, i] = row.other[i]
         grown = cables.age[c, i] + dt
-        cables.age[c, i] = grown / (1.0 + abs(moved) / p.creep_slip)
+        cables.age[c, i] = grown / (1.0 + abs(moved) / CREEP_SLIP)
         cables.work[c, 0] += row.force[i] * moved
     tension = cables.tension[c]
     for e in range(inner + 1):
@@ -461,164 +403,54 @@ def _advanced(
         behind = ends[3] - ends[2] if e == inner else place[e] - old[e]
         cables.work[c, 1] += (tension[e] - cables.elastic[c, e]) * (ahead - behind)
     if p.ferrule != 0.0 and c == 0:
-        given = dt / (dt + p.ferrule_time)
+        given = dt / (dt + FERRULE_TIME)
         longer = p.ferrule * cables.elastic[c, 0] - cables.ferrule[c]
         cables.ferrule[c] += given * longer
     return True
 
 
-@internal
-def _row(room: FloatMatrix) -> _Row:
-    # A tuple of its own for each would be more than `_run` may take from Python.
-    n = room.shape[1] - 1
-    return _Row(
-        room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n], room[5, :n],
-        room[6, :n], room[7, :n], room[8, :n], room[9, :n],
-    )  # fmt: skip
-
-
-@internal
-def _solved(
-    low: FloatArray, mid: FloatArray, high: FloatArray, left: FloatArray
-) -> None:
-    """Solve a tridiagonal system in place of its right side, from the far end."""
-    n = mid.size
-    for i in range(n - 2, -1, -1):
-        part = high[i] / mid[i + 1]
-        mid[i] -= part * low[i + 1]
-        left[i] -= part * left[i + 1]
-    left[0] /= mid[0]
-    for i in range(1, n):
-        left[i] = (left[i] - low[i] * left[i - 1]) / mid[i]
-
-
-@compiled
-def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
-    """Return the length [m] wound on the motor pulley, and its slope [m/rad], by angle.
-
-    An eccentric pulley changes the lengths on its two sides oppositely, an oval one
-    equally.
-    """
-    e = side * p.offcentre
-    oval = 0.5 * p.offcentre
-    one = angle - p.offcentre_phase
-    two = 2.0 * (angle - p.oval_phase)
-    length = angle + e * (math.sin(one) + math.sin(p.offcentre_phase))
-    length += 0.5 * oval * (math.sin(two) + math.sin(2.0 * p.oval_phase))
-    slope = 1.0 + e * math.cos(one) + oval * math.cos(two)
-    return p.motor_radius * length, p.motor_radius * slope
-
-
-@internal
-def _through_play(p: Plant, shafts: FloatArray) -> float:
-    """Return the torque of the hub on the handle: flanks that dent as they meet."""
-    ahead = shafts[HUB] - shafts[JOINT]
-    deep = abs(ahead) - 0.5 * p.play
-    if deep <= 0.0:
-        return 0.0
-    side = math.copysign(1.0, ahead)
-    ahead_speed = shafts[HUB_SPEED] - shafts[JOINT_SPEED]
-    loss = 1.0 + p.contact_loss * side * ahead_speed
-    return side * p.contact * deep**1.5 * max(loss, 0.0)
-
-
-@internal
-def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
-    """Return the torque of what sits on the joint pulley."""
-    load = p.unbalance * math.sin(angle - p.unbalance_phase)
-    load += p.band * 1.2 * math.tanh((angle - p.band_rest) / 1.2)
-    load += p.felt * follower
-    return load + p.putty * (angle - lagging)
-
-
 @compiled
 def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
-    shafts, now, out = run.shafts, run.now, run.records
-    steps, dt = run.steps, run.dt
-    hub = p.hub_inertia if p.play != 0.0 else 0.0
+    shafts, now, dt = run.shafts, run.now, run.dt
     inner = p.mass.shape[1]
-    near_a = near_b = far_a = far_b = run.pretension
-    pulley, twist = shafts[MOTOR], 0.0
-    follower, lagging = 0.0, shafts[JOINT]
-    work_in = work_out = 0.0
-    done = 0
-    teeth_0 = p.teeth * math.sin(p.teeth_order * shafts[MOTOR] - p.teeth_phase)
-    for record in range(out.shape[0]):
-        row = out[record]
-        for _ in range(steps):
-            drive, hold = engine.torques(run, done)
-            done += 1
-            arc_a, slope_a = arc(p, pulley, 1.0)
-            arc_b, slope_b = arc(p, pulley, -1.0)
-            pull = slope_a * near_a - slope_b * near_b
-            load = pull
-            motor, joint, speed = shafts[MOTOR], shafts[JOINT], shafts[JOINT_SPEED]
-            if p.slots != 0.0:
-                phase = p.slots_order * motor - p.slots_phase
-                load += p.slots * (math.sin(phase) + math.sin(3.0 * phase) / 3.0)
-            drive = min(max(drive, -p.amplifier), p.amplifier)
-            rate = engine.turn(
-                shafts, MOTOR, drive - load, p.rotor_inertia + p.drum, dt
-            )
-            shown = load + p.drum * rate
-            old_pulley, old_hub = pulley, shafts[HUB]
-            twist += dt / p.shaft_time * (pull * p.shaft - twist)
-            teeth = p.teeth * math.sin(p.teeth_order * shafts[MOTOR] - p.teeth_phase)
-            pulley = shafts[MOTOR] + teeth - teeth_0 - twist
-            given = p.joint_radius * (far_a - far_b)
-            felt = engine.turn_joint(
-                shafts, given - _carried(p, old_hub, follower, lagging),
-                hold - p.joint_damping * speed, _through_play(p, shafts),
-                p.joint_inertia, hub, p.disc, dt,
+    for k in range(run.records.shape[0] * run.steps):
+        drive, hold = engine.torques(run, k)
+        old_a, old_b = shafts[engine.ARC_A], shafts[engine.ARC_B]
+        old_far = p.bench.joint_radius * shafts[engine.HUB]
+        engine.turn_shafts(p.bench, run, drive, hold, 1.0)
+        # What holds between two steps belongs to both of them.
+        engine.record(run, k, 0.5)
+        time, angle = (k + 1) * dt, shafts[engine.HUB]
+        tight = engine.tension_at_rest(p.bench, run.pretension, time)
+        near, far = (
+            (old_a, shafts[engine.ARC_A]),
+            (old_far, p.bench.joint_radius * angle),
+        )
+        now[engine.NEAR_A], now[engine.FAR_A], found_a = step(
+            p, cables, 0, tight, near, far, angle, time, dt
+        )
+        near, far = (-old_b, -shafts[engine.ARC_B]), (-far[0], -far[1])
+        now[engine.NEAR_B], now[engine.FAR_B], found_b = step(
+            p, cables, 1, tight, near, far, angle, time, dt
+        )
+        if not (found_a and found_b):
+            return False
+        engine.balance(p.bench, run)
+        if (k + 1) % run.steps == 0:
+            stored = 0.0
+            for c in range(2):
+                for i in range(inner):
+                    stored += 0.5 * p.mass[c, i] * cables.speed[c, i] ** 2
+                for e in range(inner + 1):
+                    stored += 0.5 * cables.elastic[c, e] ** 2 / p.stiffness[c, e]
+            engine.close(
+                run, k, cables.work[0, 0] + cables.work[1, 0],
+                cables.work[0, 1] + cables.work[1, 1], stored,
             )  # fmt: skip
-            seen = joint, felt, speed
-            engine.see(now, (motor, shown), seen, (near_a, near_b), (far_a, far_b))
-            # What holds between two steps belongs to both of them.
-            engine.add(row, now, 0.5 / steps)
-            if done > 1:
-                engine.add(out[(done - 2) // steps], now, 0.5 / steps)
-            angle = shafts[HUB]
-            if p.felt != 0.0:
-                # Follows behind a play, which is what a hysteresis of form is.
-                reach = p.felt_play
-                follower += angle - old_hub
-                follower = min(max(follower, -reach), reach)
-            if p.putty != 0.0:
-                lagging += dt / p.putty_time * (angle - lagging)
-            work_in += 0.5 * pull * (pulley - old_pulley)
-            work_out += 0.5 * given * (angle - old_hub)
-            time = done * dt
-            tight = run.pretension
-            if p.relaxing != 0.0:
-                fast, slow = math.exp(-time / 0.8), math.exp(-time / 5.0)
-                tight *= 1.0 - p.relaxing * (1.0 - 0.4 * fast - 0.6 * slow)
-            far, old_far = p.joint_radius * angle, p.joint_radius * old_hub
-            new_a, slope_a = arc(p, pulley, 1.0)
-            new_b, slope_b = arc(p, pulley, -1.0)
-            near_a, far_a, found_a = step(
-                p, cables, 0, tight, (arc_a, new_a), (old_far, far), angle, time, dt
-            )
-            near_b, far_b, found_b = step(
-                p, cables, 1, tight, (-arc_b, -new_b), (-old_far, -far), angle, time, dt
-            )
-            if not (found_a and found_b):
-                return False
-            pull = slope_a * near_a - slope_b * near_b
-            given = p.joint_radius * (far_a - far_b)
-            work_in += 0.5 * pull * (pulley - old_pulley)
-            work_out += 0.5 * given * (angle - old_hub)
-        rubbed = cables.work[0, 0] + cables.work[1, 0]
-        damped = cables.work[0, 1] + cables.work[1, 1]
-        engine.close(row, 1, (work_in, work_out, rubbed, damped))
-        for c in range(2):
-            for i in range(inner):
-                row[13] += 0.5 * p.mass[c, i] * cables.speed[c, i] ** 2
-        for e in range(inner + 1):
-            row[13] += 0.5 * cables.elastic[0, e] ** 2 / p.stiffness[0, e]
-            row[13] += 0.5 * cables.elastic[1, e] ** 2 / p.stiffness[1, e]
-    engine.add(out[out.shape[0] - 1], now, 0.5 / steps)
     return True
 
 
 # Falling friction and impacts take more steps per record.
-LAW = engine.Law(arc, start, _run, lambda p: 8 if p.striction else 4 if p.play else 2)
+LAW = engine.Law(
+    start, _run, lambda p: 8 if p.striction else 4 if p.bench.backlash else 2
+)

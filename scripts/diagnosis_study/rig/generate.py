@@ -76,12 +76,11 @@ def facts_of(trials: str, seed: int) -> str:
 
 def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
     """Return the fields of the truth that are not those of a rig that hides nothing."""
-    usual = plain.plant._asdict() | plain.chain._asdict()
-    fields = truth.plant._asdict() | truth.chain._asdict()
+    usual = plain.values()
     return {
         name: np.asarray(value).tolist()
-        for name, value in fields.items()
-        if not np.array_equal(value, usual[name])
+        for name, value in truth.values().items()
+        if name != "bench" and not np.array_equal(value, usual[name])
     }
 
 

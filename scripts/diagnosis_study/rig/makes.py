@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from numpy.random import Generator
 
-from rig import bristles, elements, guides, instruments, sensors
+from rig import bristles, elements, guides, sensors
 from rig.engine import Law
 from rig.nominal import Rig
 
@@ -31,6 +31,22 @@ class Truth(NamedTuple):
     plant: Any
     chain: Any
 
+    def values(self) -> dict[str, Any]:
+        """Return all constants of bench, plant and sensors, by name."""
+        plant, chain = self.plant, self.chain
+        return plant.bench._asdict() | plant._asdict() | chain._asdict()
+
+    def changed(self, **values: Any) -> Truth:
+        """Return the rig with other values of constants, wherever these belong."""
+
+        def of(part: Any) -> Any:
+            return part._replace(
+                **{name: values[name] for name in part._fields if name in values}
+            )
+
+        plant = of(self.plant._replace(bench=of(self.plant.bench)))
+        return Truth(plant, of(self.chain))
+
 
 class Effect(NamedTuple):
     """An effect that can be hidden in a rig, see `effects.toml`."""
@@ -39,8 +55,7 @@ class Effect(NamedTuple):
     unit: str  # of the amount
     typical: float
     limit: float
-    plant: str = ""  # field that is the amount
-    chain: str = ""
+    field: str = ""  # constant that is the amount
     adds_to: str = ""
     uneven: str = ""
     signed: bool = False
@@ -49,15 +64,14 @@ class Effect(NamedTuple):
     def hide(self, truth: Truth, amount: float, random: Generator) -> Truth:
         """Return the rig with `amount` of the effect; `random` draws its details."""
         size = float(random.choice([-1.0, 1.0])) * amount if self.signed else amount
-        changes: dict[str, Any] = {self.plant or self.chain: size}
+        changes: dict[str, Any] = {self.field: size}
         if self.uneven:
             each = amount * random.uniform(0.5, 1.5, truth.plant.mass.shape)
             changes = {self.uneven: getattr(truth.plant, self.uneven) + each}
         elif self.adds_to:
             changes = {self.adds_to: getattr(truth.plant, self.adds_to) + amount}
         changes |= {key: _draw(how, random) for key, how in self.drawn.items()}
-        part = "chain" if self.chain else "plant"
-        return truth._replace(**{part: getattr(truth, part)._replace(**changes)})
+        return truth.changed(**changes)
 
 
 def _draw(how: Any, random: Generator) -> Any:
@@ -76,29 +90,29 @@ def _draw(how: Any, random: Generator) -> Any:
 
 
 class Make(NamedTuple):
-    plant_of: Callable[[Rig], Any]  # the plant of a rig in which nothing is hidden
+    plant_of: Callable[..., Any]  # the plant of a rig in which nothing is hidden
     law: Law  # motion of its cables
     effects: Mapping[str, Effect]  # what can be hidden, by id
     named: tuple[str, ...]  # ids that a library can be expected to know
     unknown: tuple[str, ...]  # those that it cannot
-    chain_of: Callable[[Rig], Any]  # its sensors when nothing is hidden
-    trials: Callable[[Rig], str]  # the set of trials that a study of this rig records
+    chain_of: Callable[[Rig], sensors.Chain]  # its sensors when nothing is hidden
+
+    def trials(self, rig: Rig) -> str:
+        """Return the set of trials that a study of this rig records."""
+        # Rests and creep are what is hard for coarse encoders.
+        return "restful" if self.chain_of(rig).coarse else "rich"
 
 
-def _make(of: ModuleType, chain_of: Callable[[Rig], Any]) -> Make:
+def _make(of: ModuleType, chain_of: Callable[[Rig], sensors.Chain]) -> Make:
     hidden = tomllib.loads(EFFECTS.read_text(encoding="utf-8"))
     effects = {k: Effect(**v) for k, v in hidden[of.__name__.split(".")[-1]].items()}
     unknown = tuple(name for name in effects if name.startswith("unknown_"))
     named = tuple(name for name in effects if name not in unknown)
-    # Rests and creep are what is hard for coarse encoders.
-    return Make(
-        of.plant_of, of.LAW, effects, named, unknown, chain_of,
-        lambda rig: "restful" if chain_of(rig).coarse else "rich",
-    )  # fmt: skip
+    return Make(of.plant_of, of.LAW, effects, named, unknown, chain_of)
 
 
 MAKES = {
     "bristles": _make(bristles, lambda _rig: sensors.Chain()),
     "guides": _make(guides, lambda _rig: sensors.Chain()),
-    "elements": _make(elements, instruments.chain_of),
+    "elements": _make(elements, sensors.imperfect),
 }

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import bessel, butter, lfilter, sosfilt
 
 from cc_mujoco.native import FloatArray as Array
 from rig.engine import COLUMNS, RECORD_TIME
@@ -50,14 +50,33 @@ CHANNELS = {
     "tension_b_distal": Channel("tension_b_distal_n", 0.3, 0.1, True),
 }
 BASIC = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
+TORQUES = ("motor_torque", "joint_torque")
+COARSE = {"motor_angle": 15, "joint_angle": 13}  # bits of coarse encoders
+_SAMPLE_CLOCK = 1e-5  # resolution of time stamps [s]
 
 
 class Chain(NamedTuple):
-    """Possible faults of the sensors, off at 0; SI and radians."""
+    """Imperfections of the sensors and their possible faults, off at 0; SI, radians."""
 
+    # --- what a rig has, whatever is hidden ---------------------------------------
+    seed: int = 0  # seed of the jitter
+    coarse: bool = False  # encoders round, and have no noise
+    motor_offcentre: float = 0.0  # error of the motor's encoder, once a turn [rad]
+    motor_phase: float = 0.0
+    joint_offcentre: float = 0.0  # error of the joint's encoder, once a turn [rad]
+    joint_phase: float = 0.0
+    slow: float = 0.0  # time constant of the filter of both torque sensors [s]
+    jitter: float = 0.0
+    """Standard deviation of the jitter of samples, included in time stamps [s]."""
+    other_forms: bool = False  # of delay, gain and offset: those of the finite elements
+
+    # --- what may be hidden -------------------------------------------------------
     delay: float = 0.0
-    """Delay of the joint's card: 70 % dead time, 30 % first-order lag [s]."""
-    gain: float = 0.0  # excess gain of the joint's torque sensor at small torque
+    """Delay of the joint's card: 70 % dead time, 30 % first-order lag; or the group
+    delay of a Bessel filter of both channels [s]."""
+    gain: float = 0.0
+    """Excess gain of the joint's torque sensor at small torque; or at positive torque,
+    two thirds at negative."""
     offset: float = 0.0  # offset of the joint's torque sensor once warm [N m]
     hysteresis: float = 0.0  # half width of the joint torque sensor's hysteresis [N m]
     load_delay: float = 0.0  # lag of the joint's torque per torque [s/N m]
@@ -70,23 +89,63 @@ class Chain(NamedTuple):
     second_axis: float = 0.0  # cross-talk of a second axis of the handle [N m]
     second_axis_rate: float = 0.9
     second_axis_phase: float = 0.0
-
-    coarse = False  # encoders are fine
+    cubic: float = 0.0
+    """Deficit of the joint's torque sensor at 5 N m, by the cube of torque [N m]."""
+    pressed: float = 0.0
+    """Spurious torque of the joint's sensor per mean tension of both cables [m]."""
 
     def channels(self) -> Mapping[str, Channel]:
-        return CHANNELS
+        if not self.coarse:
+            return CHANNELS
+        return CHANNELS | {
+            name: CHANNELS[name]._replace(noise=0.0, resolution=2.0 * math.pi / 2**bits)
+            for name, bits in COARSE.items()
+        }
 
     def moments(self, count: int) -> Array:
         """Return the sampling times [s]."""
-        return np.arange(count) / SAMPLE_RATE
+        even = np.arange(count) / SAMPLE_RATE
+        if self.jitter == 0.0:
+            return even
+        random = np.random.default_rng([self.seed, 0x717])
+        apart = self.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
+        apart[0] = abs(apart[0])
+        return np.asarray(np.round((even + apart) / _SAMPLE_CLOCK) * _SAMPLE_CLOCK)
 
     def shown(self, records: Array, name: str) -> Array:
         signal = column(records, name)
+        if name == "motor_angle" and self.motor_offcentre:
+            signal = signal + self.motor_offcentre * np.sin(signal - self.motor_phase)
+        if name == "joint_angle" and self.joint_offcentre:
+            signal = signal + self.joint_offcentre * np.sin(signal - self.joint_phase)
         if name == "joint_torque":
             signal = _joint_torque(records, self)
-        if CHANNELS[name].at_joint and self.delay:
+        if self.slow and name in TORQUES:
+            signal = _lagged(signal, self.slow)
+        if self.delay and self.other_forms and name in ("joint_angle", "joint_torque"):
+            corner = 1.0 / (2.0 * math.pi * self.delay)
+            poles = bessel(2, corner, fs=1.0 / RECORD_TIME, norm="delay")
+            signal = _filtered(*poles, signal)
+        elif self.delay and not self.other_forms and CHANNELS[name].at_joint:
             signal = _shifted(_lagged(signal, 0.3 * self.delay), 0.7 * self.delay)
-        return signal
+        return np.asarray(signal)
+
+
+def imperfect(rig: Rig) -> Chain:
+    """Return sensors with about half of the imperfections that one can have.
+
+    They are sampled from the rig's seed independently of any effect, at sizes that a
+    careful experimenter accepts.
+    """
+    random = np.random.default_rng([rig.seed, 0x105])
+    has = random.random(4) < 0.5
+    size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])
+    phases = random.uniform(-math.pi, math.pi, 2)
+    motor, joint, slow, jitter = np.where(has, size, 0.0).tolist()
+    coarse = rig.seed % 2 == 1
+    return Chain(
+        rig.seed, coarse, motor, phases[0], joint, phases[1], slow, jitter, True
+    )
 
 
 def column(records: Array, name: str) -> Array:
@@ -98,13 +157,15 @@ def _shifted(signal: Array, seconds: float | Array) -> Array:
     return np.asarray(np.interp(at, np.arange(signal.size), signal))
 
 
+def _filtered(numerator: Array, denominator: Array, signal: Array) -> Array:
+    """Return a filter of gain 1 that starts in steady state."""
+    return np.asarray(lfilter(numerator, denominator, signal - signal[0]) + signal[0])
+
+
 def _lagged(signal: Array, seconds: float) -> Array:
     """Return the signal after a first-order lag that starts in steady state."""
     share = RECORD_TIME / (seconds + RECORD_TIME)
-    out, _ = lfilter(
-        [share], [1, share - 1], signal, zi=np.array([(1 - share) * signal[0]])
-    )
-    return np.asarray(out)
+    return _filtered(np.array([share]), np.array([1.0, share - 1.0]), signal)
 
 
 def _hysteresis(torque: Array, width: float) -> Array:
@@ -121,17 +182,24 @@ def _hysteresis(torque: Array, width: float) -> Array:
 
 def _joint_torque(records: Array, chain: Chain) -> Array:
     """Return the reading of the joint's torque sensor with all its faults."""
-    torque = column(records, "joint_torque")
-    out = torque
+    torque = out = column(records, "joint_torque")
     time = np.arange(torque.size) * RECORD_TIME - LEAD
+    other = chain.other_forms
     if chain.load_delay:
         out = _shifted(out, chain.load_delay * np.abs(torque))
-    if chain.gain:
+    if chain.gain and other:
+        out = out + chain.gain * np.where(torque > 0.0, torque, torque / 1.5)
+    elif chain.gain:
         out = out * (1 + chain.gain * (1 - 0.15 * (torque / 6) ** 2))
+    if chain.cubic:
+        out = out - chain.cubic * (torque / 5.0) ** 3
     if chain.hysteresis:
         out = out + _hysteresis(torque, chain.hysteresis)
     if chain.offset:
-        out = out + chain.offset * (1 - 0.15 * np.exp(-np.maximum(time, 0) / 2))
+        cold = -0.1 * ((time + LEAD) / 8.0 - 0.5)
+        if not other:
+            cold = 0.15 * np.exp(-np.maximum(time, 0) / 2)
+        out = out + chain.offset * (1 - cold)
     if chain.reflex:
         speed = _shifted(column(records, "joint_speed"), chain.reflex_latency)
         beyond = np.sign(speed) * np.maximum(np.abs(speed) - 0.4, 0)
@@ -144,10 +212,13 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
         turn = 2 * np.pi * chain.second_axis_rate * time + chain.second_axis_phase
         sway = np.sin(turn + 0.7 * np.sin(0.37 * turn))
         out = out + chain.second_axis * sway * (1 + 0.4 * np.sin(0.21 * turn))
+    if chain.pressed:
+        a, b = (column(records, f"tension_{cable}_distal") for cable in "ab")
+        out = out + chain.pressed * (0.5 * (a + b) - 80.0)
     return np.asarray(out)
 
 
-def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Array:
+def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
     """Return the readings (samples, names) of a logger without noise or rounding."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
@@ -164,7 +235,7 @@ def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Arr
 
 
 def logged(
-    clean: Array, chain: Any, names: tuple[str, ...], key: list[int]
+    clean: Array, chain: Chain, names: tuple[str, ...], key: list[int]
 ) -> dict[str, Array]:
     """Return columns as in files: readings with noise of seed `key`, rounded."""
     columns = {"time_s": chain.moments(clean.shape[0])}

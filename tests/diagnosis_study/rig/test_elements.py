@@ -18,10 +18,10 @@ from rig import dataset
 from rig.dataset import clean_dataset, make_dataset, make_trials, run, truth_of
 from rig.elements import Cables, Plant, deflected, plant_of, start, step
 from rig.engine import COLUMNS
-from rig.instruments import chain_of
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, logged, sampled
+from rig.sensors import imperfect as chain_of
 from rig.trials import SETS, Trial
 
 EFFECTS = MAKES["elements"].effects
@@ -210,7 +210,7 @@ def test_every_rig_has_some_of_what_no_builder_gets_rid_of() -> None:
     counts = []
     for seed in range(40):
         rig = make_rig(seed, make="elements")
-        p, chain = plant_of(rig), chain_of(rig)
+        p, chain = plant_of(rig).bench, chain_of(rig)
         has = [
             p.shaft, p.teeth, p.amplifier < 1e5, chain.motor_offcentre,
             chain.joint_offcentre, chain.slow, chain.jitter,

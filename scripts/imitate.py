@@ -37,7 +37,7 @@ from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
 from cc_mujoco.device import IN_EPISODES, CableDrive, Device
 from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
-from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
+from cc_mujoco.envs import DeviceVectorEnv
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
@@ -46,8 +46,7 @@ Lesson = tuple[Singles, Singles, Array]
 """Observations, actions of the teacher, errors; see `Classroom.play`."""
 
 HOLD, HISTORY = 2, 10
-"""Default samples for which an action is held, and earlier frames that are seen."""
-TEACHER = "predictive"  # default teacher
+"""Default samples for which an action is held; earlier frames that are seen."""
 RANGES: dict[str, tuple[float, float]] = {"delay": (0, 3), "noise": (0.0, 2.0)}
 """Ranges in place of those of `train_policy.py`. Measurements that are later or noisier
 show less of what the teacher knows, and its mean becomes a cautious one."""
@@ -59,7 +58,7 @@ AMOUNTS, PROBABILITY = (0.2, 1.0), 0.15
 """Amounts of an effect over those of suite `v2`; probability that a plant has it. The
 teacher swings a finger with more of `viscous`."""
 BANDWIDTH = 400.0
-"""Default bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
+"""Bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
 slower plan leaves of a tremor, too."""
 WIDTHS = 128, 128  # units of the hidden layers
 BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last round
@@ -89,16 +88,10 @@ def motions(scene: str) -> tuple[train_policy.Part, ...]:
     return (None, None, 2), *(((tremor, None, 1),) if tremor else ())
 
 
-def teacher(
-    env: DeviceVectorEnv,
-    law: str = TEACHER,
-    hold: int = HOLD,
-    bandwidth: float = BANDWIDTH,
-) -> control.Controller:
-    """Return a controller that knows the present plants of an environment.
+def teacher(env: DeviceVectorEnv, hold: int = HOLD) -> control.Controller:
+    """Return a `predictive` that knows the present plants of an environment.
 
-    An action is held `hold` samples; `bandwidth` [rad/s] is of the plans of
-    `predictive`.
+    An action is held `hold` samples.
     """
     exo = env.exo
     drives = [
@@ -116,10 +109,9 @@ def teacher(
         ]
         for plant in env.plants
     ]
-    planned = functools.partial(control.PredictiveCompensation, bandwidth=bandwidth)
-    prefixes, given = exo.device.prefixes, planned if law == TEACHER else law
+    given = functools.partial(control.PredictiveCompensation, bandwidth=BANDWIDTH)
     made = control.PlantsController(
-        [control.axes_controller(given, own, prefixes) for own in drives]
+        [control.axes_controller(given, own, exo.device.prefixes) for own in drives]
     )
     made.reset()
     return made
@@ -128,23 +120,15 @@ def teacher(
 class Classroom:
     """A vector environment in which the teacher and the student act."""
 
-    def __init__(
-        self,
-        env: DeviceVectorEnv,
-        seed: int,
-        history: int = HISTORY,
-        hold: int = HOLD,
-        teach: Callable[..., control.Controller] = teacher,
-    ) -> None:
-        """Reset the environment; `teach` makes the teacher, see `teacher`.
+    def __init__(self, env: DeviceVectorEnv, seed: int, hold: int = HOLD) -> None:
+        """Reset the environment, which begins episodes by itself (`SameStep`).
 
-        The environment holds no action and begins episodes by itself (`SameStep`); here
-        an action is held for `hold` samples. The student sees `history` earlier frames.
+        It holds no action; here one is held for `hold` samples.
         """
-        self._teach, self._hold = teach, hold
+        self._hold = hold
         self.env = env
         self.observed = [
-            dataclasses.replace(own, hold=hold, history=history, memory=True)
+            dataclasses.replace(own, hold=hold, history=HISTORY, memory=True)
             for own in env.exo.observed
         ]
         """Observation of the student."""
@@ -162,7 +146,7 @@ class Classroom:
         """
         env, exo = self.env, self.env.exo
         count, limits = env.num_envs, exo.device.torque_limits
-        law, sensors = self._teach(env, hold=self._hold), self._sensors()
+        law, sensors = teacher(env, self._hold), self._sensors()
         histories = [ObservationHistory(own, count) for own in self.observed]
         share = np.minimum(2.0 * self._random.permutation(count) / count, 1.0)
         alone, going = share == 1.0, np.ones(count, dtype=np.bool_)
@@ -293,11 +277,8 @@ def train(options: argparse.Namespace) -> None:
     liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
     ranges = {**RANGES, **liner, **structure(device)}
     envs = train_policy.make(options, ranges, {}, motions(options.scene))
-    teach = functools.partial(teacher, law=options.teacher)
     rooms = [
-        Classroom(
-            env, 1000 * options.seed + place, options.history, options.hold, teach
-        )
+        Classroom(env, 1000 * options.seed + place, options.hold)
         for place, env in enumerate(envs)
     ]
     lessons = with_errors_printed("teacher", [room.play() for room in rooms])
@@ -331,18 +312,14 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--updates", type=int, default=1500, help="of a round")
     parser.add_argument(
-        "--history", type=int, default=HISTORY, help="earlier frames that it sees"
-    )
-    parser.add_argument(
         "--hold", type=int, default=HOLD, help="samples for which an action is held"
     )
-    parser.add_argument("--teacher", default=TEACHER, help="name of a controller")
     parser.add_argument("--envs", type=int, default=48)
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "imitation"))
     # `train_policy.make` reads them, too.
-    parser.set_defaults(fixed=False, smoothness=0.0, backend=BACKENDS[0])
+    parser.set_defaults(fixed=False, smoothness=0.0)
     options = parser.parse_args()
     try:
         train_policy.device_of(options.scene)

@@ -16,6 +16,7 @@ import argparse
 import contextlib
 import math
 import signal
+import socket
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
 from driven import Bench, Instruments
-from rig_end import Sender, ServedHost, UdpEnd
 
 from cc_mujoco import hardware
 from cc_mujoco.errors import CableError
@@ -43,6 +43,77 @@ STATE = (
     "motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad", "joint_velocity_rad_s"
 )  # fmt: skip
 """Columns of an axis that its encoders read."""
+
+SILENCE = 0.05
+"""Time without a command after which there is no torque [s]."""
+Sender = tuple[str, int]
+"""Sender of a packet; on CAN, where nobody has an address, the bus."""
+
+
+class UdpEnd:
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{host}:{port}"
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            raise CableError(
+                f"port {self.name} cannot be used ({error}); is a rig there already?"
+            ) from error
+        self._socket.setblocking(False)
+
+    def receive(self) -> tuple[bytes, Sender] | None:
+        """Return the next packet and its sender, None if there is none."""
+        try:
+            return self._socket.recvfrom(1024)
+        except OSError:
+            return None
+
+    def send(self, data: bytes, to: Sender) -> None:
+        """Send a packet; it may be lost."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, to)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class ServedHost:
+    """The host that commands the rig, with watchdog, sequence check and enabling."""
+
+    def __init__(self) -> None:
+        self.address: Sender | None = None
+        """Address to which readings go."""
+        self.enabled = False
+        self.torque = 0.0
+        self._sequence: int | None = None
+        self._heard = -math.inf
+
+    def take(self, data: bytes, sender: Sender, now: float) -> None:
+        """Take a packet; a new host begins with a command that is not enabled."""
+        command = packet.read_command(data)
+        if command is None:
+            return
+        if self._sequence is None:
+            if command.status != hardware.Status.NONE:
+                return
+        elif not packet.is_newer(command.sequence, self._sequence):
+            return
+        self._sequence, self._heard, self.address = command.sequence, now, sender
+        self.enabled = bool(command.status & hardware.Status.ENABLED)
+        self.torque = command.torque if self.enabled else 0.0
+        if command.status & hardware.Status.STOPPED:
+            self._let_go()
+            self.address = None
+
+    def watch(self, now: float) -> None:
+        """Set the torque to 0 if the host has been silent too long."""
+        if now - self._heard > SILENCE:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self.enabled, self.torque, self._sequence = False, 0.0, None
 
 
 class CanEnd:

@@ -34,7 +34,7 @@ import numpy as np
 
 from cc_mujoco.cable import PATHS
 from cc_mujoco.device import Device, DeviceModel, Plant, find_device
-from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
+from cc_mujoco.envs import DeviceVectorEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
 
@@ -115,7 +115,6 @@ FIXED = {"delay": (1, 1), "noise": (1.0, 1.0)}
 ORDINARY = {"friction": (0.1, 0.1), "break_away": (1.5, 1.5)}
 """Values of one cable; at the bench that of its scene."""
 
-COMMON: dict[str, Any] = {"policy": "MlpPolicy", "device": "cpu"}
 ALGORITHMS: dict[str, dict[str, Any]] = {
     "ppo": {
         "n_steps": 64,
@@ -202,8 +201,7 @@ def make(
             trajectory,
             task,
             duration=options.seconds,
-            threads=1 if options.backend == "mujoco" else 0,
-            backend=options.backend,
+            threads=1,
             autoreset_mode="SameStep",
             smoothness=options.smoothness,
             randomise=fixed if options.fixed else {**randomised(device), **ranges},
@@ -254,7 +252,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
         deviation, means = first_actions(options.scene)
         begin = {"log_std_init": deviation}
         chosen["policy_kwargs"] = chosen["policy_kwargs"] | begin
-    model = kind(env=env, seed=seed, **COMMON, **chosen)
+    model = kind("MlpPolicy", env, device="cpu", seed=seed, **chosen)
     if options.algorithm == "ppo":
         with torch.no_grad():
             model.policy.action_net.bias.copy_(torch.tensor(means))
@@ -277,10 +275,8 @@ def main() -> None:
     parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo")
     parser.add_argument("--steps", type=int, default=250_000)
     parser.add_argument("--envs", type=int, help="by default as many as suit it")
-    parser.add_argument("--backend", choices=BACKENDS, default=BACKENDS[0])
     parser.add_argument("--seconds", type=float, default=3.0, help="of an episode")
     parser.add_argument("--smoothness", type=float, default=0.0)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seeds", type=int, default=1, help="how many")
     parser.add_argument("--fixed", action="store_true", help="one cable only")
     parser.add_argument("--out", type=Path, default=Path("runs", "policy"))
@@ -290,10 +286,9 @@ def main() -> None:
         device_of(arguments.scene)
     except CableError as error:
         parser.error(str(error))
-    seeds = range(arguments.first, arguments.first + arguments.seeds)
-    for seed in seeds:
+    for seed in (seeds := range(arguments.seeds)):
         if (there := arguments.out / f"{seed}.safetensors").exists():  # hours, perhaps
-            parser.error(f"{there} is there already; name another --out or --first.")
+            parser.error(f"{there} is there already; name another --out.")
     require("stable_baselines3", "Stable-Baselines3")
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed in seeds:

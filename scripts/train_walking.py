@@ -10,7 +10,7 @@ pushes at the trunk begin. Reward per second is 1 less the costs of joint angles
 than the measured ones, of speed, of the trunk's pitch, of torque and of the metabolic
 power that the joints' work takes; a fall ends it.
 Progress is printed, and the mean of the search is written as a policy, every ten
-generations; with them OUT.npz, from which `--resume` goes on. The policy that ships
+generations. The policy that ships
 was found in 160 generations: 40 with 24 candidates each, and not before the hundredth
 with the cost of metabolic power, which this script has from the first.
 """
@@ -20,7 +20,6 @@ from __future__ import annotations
 import argparse
 import copy
 import time
-from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -71,8 +70,6 @@ TERMS = {"trunk_pitch": 0.1, "speed_gain": 0.15, "foot_gain": 0.3, "push_gain": 
 SERIES = {"angles": 0.06, "torques": 10.0}
 """Series to whose first terms it adds, likewise [rad], [N m]."""
 HARMONICS = 3
-_STATE = ("mean", "spread", "covariance", "path", "step_path", "generation")
-"""Attributes of a search that its state has."""
 
 
 def policy_at(point: Array) -> WalkingPolicy:
@@ -120,17 +117,6 @@ class Search:
         self.covariance = np.eye(size)
         self.path, self.step_path = np.zeros(size), np.zeros(size)
         self.generation = 0
-
-    def state(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in _STATE}
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Continue from the saved state of another search."""
-        for name in _STATE:
-            own = getattr(self, name)
-            setattr(
-                self, name, type(own)(state[name]) if np.isscalar(own) else state[name]
-            )
 
     def ask(self) -> Array:
         """Return new candidates (population, size)."""
@@ -237,7 +223,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--generations", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--resume", type=Path)
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(options.seed)
@@ -245,10 +230,6 @@ def main() -> None:
     model = mujoco.MjModel.from_xml_path(str(SCENE))
     models = [copy.copy(model) for _ in range(POPULATION)]
     harness = 1.0
-    if options.resume:
-        with np.load(options.resume) as state:
-            harness = float(state["harness"])
-            search.restore(state)
     while search.generation < options.generations:
         policies = [policy_at(point) for point in search.ask()]
         size = 0.0 if harness else PUSH * rng.uniform(-1.0, 1.0, 2)
@@ -263,7 +244,6 @@ def main() -> None:
         generation = search.generation
         if generation % 10 == 0 or generation == options.generations:
             policy_at(search.mean).write(options.out)
-            np.savez(options.out.with_suffix(".npz"), harness=harness, **search.state())
             print(
                 f"{generation:4d}  reward {np.median(rewards):.2f} to "
                 f"{rewards.max():.2f}, on its feet {np.median(lasted):.1f} s, harness "

@@ -76,8 +76,7 @@ GAIT_MOMENTS = {name: _PROFILES[f"{name}_moment"] for name in GAIT_ANGLES}
 positive as the angles are: that of the ankle is negative in plantarflexion."""
 
 GAIT_PERIOD = 1.23
-"""Duration of a gait cycle of the measured walk [s], as `scripts/fit_gait.py` prints
-it."""
+"""Duration of a gait cycle of the measured walk [s]."""
 
 
 def assistance(phase: Real) -> Real:

@@ -24,7 +24,6 @@ def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:
         seconds=seconds,
         fixed=False,
         smoothness=0.0,
-        backend="mujoco",
     )
     env = train_policy.make(options, imitate.RANGES, {})[0]
     return imitate.Classroom(env, 0)
@@ -37,15 +36,6 @@ def test_the_teacher_knows_the_plant_of_every_environment() -> None:
         for own, names in zip(of_axes.laws, env.exo.device.driven, strict=True):
             known = [one.cable for one in own.drive.cables]
             assert known == [plant.cables[name] for name in names]
-
-
-def test_another_controller_teaches_at_another_rate() -> None:
-    env = classroom("exosuit").env
-    law = imitate.teacher(env, "lqg", hold=3)
-    for of_axes in law.laws:
-        for own, drive in zip(of_axes.laws, env.drives, strict=True):
-            assert type(own).__name__ == "LinearQuadraticGaussian"
-            assert own.drive.period == pytest.approx(3 * drive.period)
 
 
 def test_the_bench_plays_the_motions_of_its_other_training() -> None:

@@ -15,7 +15,6 @@ from cc_mujoco.device._model import joint_range
 def made(scene: str, fixed: bool) -> list[Any]:
     """Return a few short environments of the script."""
     options = {"envs": 4, "seconds": 0.01, "fixed": fixed, "smoothness": 0.01}
-    options["backend"] = "mujoco"
     return train_policy.make(argparse.Namespace(scene=scene, **options))
 
 

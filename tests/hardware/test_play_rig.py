@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
-from play_rig import PERIOD, Worn, WornRig, ends_of
-from rig_end import SILENCE, ServedHost, UdpEnd
+from play_rig import PERIOD, SILENCE, ServedHost, UdpEnd, Worn, WornRig, ends_of
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings

@@ -95,8 +95,8 @@ EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
         "critical_slip_distance": 0.01 * own.travel,
     },
     "soft-ends": lambda own, cable: {
-        "end_compliance": 0.25 * own.length / cable.axial_stiffness,
-        "proximal_compliance": 0.25 * own.length / cable.axial_stiffness,
+        name: 1.5 * getattr(cable, name) + 0.25 * own.length / cable.axial_stiffness
+        for name in ("end_compliance", "proximal_compliance")
     },
     "eccentric": lambda own, cable: {"eccentricity": 0.05 * own.radius},
     "wrap-end": _concentrated,

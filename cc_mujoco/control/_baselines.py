@@ -53,7 +53,7 @@ class BacklashInverse(_KnownMotor):
 
     def law_tables(self) -> LawTables:
         drive = self.drive
-        stiffness, late = joint_stiffness(drive.cables), total_delay(drive)
+        stiffness, late = joint_stiffness(drive.cables, self.limits), total_delay(drive)
         # Of the motor's position [rad/s].
         bandwidth = min(self.delay_share / late, self.max_bandwidth)
         noise = laws.BAND_SIGMAS * drive.torque_noise / stiffness
@@ -66,7 +66,10 @@ class BacklashInverse(_KnownMotor):
             max(noise, 5e-4),  # motion of the joint below which it is still [rad]
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
-        cables, spring = cable_table(drive.cables), joint_spring(drive.cables)
+        cables, spring = (
+            cable_table(drive.cables, self.limits),
+            joint_spring(drive.cables, self.limits),
+        )
         first = laws.OWN_MEMORY + guard.LIMITS + len(gains)
         return LawTables(
             cables.shape,
@@ -100,7 +103,7 @@ class LinearQuadraticGaussian(_KnownMotor):
 
     def __init__(self, drive: Drive) -> None:
         super().__init__(drive)
-        rigidity = joint_stiffness(drive.cables)
+        rigidity = joint_stiffness(drive.cables, self.limits)
         with single_threaded_blas():  # its threads take 30 times as long
             self.design, slip = _design(self, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
@@ -108,7 +111,7 @@ class LinearQuadraticGaussian(_KnownMotor):
         self._late = round(total_delay(drive) / drive.period - 0.5)
 
     def law_tables(self) -> LawTables:
-        spring = joint_spring(self.drive.cables)
+        spring = joint_spring(self.drive.cables, self.limits)
         numbers = np.array(self._own_gains), spring, *map(np.ravel, self.design)
         first = laws.OWN_MEMORY + guard.LIMITS + len(self._own_gains)
         size = laws.HEADER + STATES + self._late

@@ -30,9 +30,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._layout import LENGTH, slips, tensions
+from cc_mujoco.cable._layout import LENGTH, segment_angles, slips, tensions
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, Model, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -41,7 +42,11 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 """Columns of the table of cables: arms at motor and joint [m/rad], mu times wrap,
-length over axial stiffness [m/N], pretension [N]."""
+compliance as in `stiffness` [m/N], pretension [N]."""
+
+_MAX_OVERRATED = 0.25
+"""Share of a cable's largest tension by which a linear spring may overrate it: half of
+the way from a torque of 0 to the safe one at which the guard lets go."""
 
 
 class CableModel:
@@ -174,39 +179,39 @@ def pack(
     kernel.pack(changed, sections, n, prm)
 
 
-def joint_stiffness(cables: Sequence[CableDrive]) -> float:
-    """Return the stiffness of all cables of a device at its joint [N m/rad].
+def joint_stiffness(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> float:
+    """Return the `stiffness` of all cables of a device at its joint [N m/rad].
 
-    It is that of taut cables between rigid ends. A `CableWarning` is given if clearance
-    in bends or soft springs at the ends make a cable much softer.
+    A `CableWarning` is given if a cable is much less taut at small torques than a
+    linear spring of that stiffness, as one with clearance in its bends may be.
     """
-    for cable in (one.cable for one in cables):
-        taut, seated = cable.length / cable.axial_stiffness, cable.seating_tension
-        play = cable.clearance * cable.wrap * seated
-        give = play / (cable.pretension + seated) ** 2
-        give += cable.end_compliance / (1.0 + cable.end_hardening * cable.pretension)
-        hardened = 1.0 + cable.proximal_hardening * cable.pretension
-        softer = 1.0 + (give + cable.proximal_compliance / hardened) / taut
-        if softer > 1.51:  # it is softer the slacker it hangs
+    made, most = stepper_cables(cables), guard.largest_torque(limits)
+    shares = np.linspace(0.02, 1.0, 50)
+    for k, one in enumerate(cables):
+        largest = most / abs(one.distal)
+        give = np.full(shares.size, one.cable.length / one.cable.axial_stiffness)
+        for i, share in enumerate(shares):
+            give[i] += soft_compliance(made.prm[k], made.n[k], share * largest)
+        over = float(np.max(shares * (give / give[-1] - 1.0)))
+        if over > _MAX_OVERRATED:
             warnings.warn(
-                f"controllers and their guards take cables for taut between hard ends, "
-                f"but `clearance` or springs at its ends make one {softer:.1f} times "
-                f"softer at its pretension of {cable.pretension:g} N; they may let go "
-                "of the joint at once.",
+                "controllers and their guards take cables for linear springs, but "
+                "`clearance` or springs at its ends make one so much softer slack than "
+                f"taut that they overrate its tension by up to {over * largest:.3g} of "
+                f"{largest:.3g} N; they may let go of the joint at once.",
                 CableWarning,
                 stacklevel=2,
             )
-    made = stepper_cables(cables)
-    return stiffness(made.prm, made.distal)
+    return stiffness(made, most)
 
 
-def joint_spring(cables: Sequence[CableDrive]) -> FloatArray:
+def joint_spring(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> FloatArray:
     """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`."""
     spring = np.zeros(guard.SPRING_SIZE)
     for one in cables:
         sections = np.array(one.cable.conduit, dtype=float).reshape(-1, 2)
         add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
-    spring[guard.STIFFNESS] = joint_stiffness(cables) if cables else 0.0
+    spring[guard.STIFFNESS] = joint_stiffness(cables, limits) if cables else 0.0
     return spring
 
 
@@ -227,11 +232,36 @@ def add_preload(
 
 
 @compiled
-def stiffness(prm: FloatMatrix, distal: FloatArray) -> float:
-    """Return `joint_stiffness` of packed cables with these arms [m/rad]."""
+def soft_compliance(prm: FloatArray, n: int, tension: float) -> float:
+    """Return the compliance of end springs and clearance, loaded to a tension [m/N].
+
+    It is their stretch over that tension. `prm` is packed, `n` its number of segments.
+    """
+    springs = nodes.rest_spring_stretch(prm, tension) / tension
+    if prm[PLACE.clearance] == 0.0:
+        return springs
+    wrap, angle = 0.0, segment_angles(prm, n)
+    for j in range(n):
+        wrap += angle[j]
+    seated = tension + prm[PLACE.seating_tension]
+    return float(springs + wrap * prm[PLACE.clearance] / seated)
+
+
+@compiled
+def stiffness(cables: stepper.Cables, largest: float) -> float:
+    """Return the stiffness of packed cables as one spring at the joint [N m/rad].
+
+    It is that of a linear spring that stretches as the cables do at the `largest`
+    torque [N m].
+    """
     total = 0.0
-    for k in range(distal.size):
-        total += distal[k] ** 2 * prm[k, PLACE.axial_stiffness] / prm[k, LENGTH]
+    for k in range(cables.n.size):
+        prm, arm = cables.prm[k], cables.distal[k]
+        soft = soft_compliance(prm, cables.n[k], largest / abs(arm))
+        if soft == 0.0:
+            total += arm**2 * prm[PLACE.axial_stiffness] / prm[LENGTH]
+        else:
+            total += arm**2 / (prm[LENGTH] / prm[PLACE.axial_stiffness] + soft)
     return total
 
 
@@ -274,13 +304,15 @@ def motor_torque(model: Model) -> float:
     return total
 
 
-def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
+def cable_table(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> FloatArray:
     """Return the numbers of `PROXIMAL` to `PRETENSION` for each cable (cables, 5)."""
-    table = np.empty((len(cables), 5))
-    for row, one in zip(table, cables, strict=True):
-        cable, compliance = one.cable, one.cable.length / one.cable.axial_stiffness
-        friction = cable.friction * cable.wrap
-        row[:] = one.proximal, one.distal, friction, compliance, cable.pretension
+    table, made = np.empty((len(cables), 5)), stepper_cables(cables)
+    for k, one in enumerate(cables):
+        largest = guard.largest_torque(limits) / abs(one.distal)
+        soft = one.cable.length / one.cable.axial_stiffness
+        soft += soft_compliance(made.prm[k], made.n[k], largest)
+        friction = one.cable.friction * one.cable.wrap
+        table[k] = one.proximal, one.distal, friction, soft, one.cable.pretension
     return table
 
 

@@ -112,7 +112,7 @@ class ProportionalIntegral(SteppedController):
         require_number("integral", integral, 0.0, 1e6, "1/s")
         self.proportional, self.integral = proportional, integral
         self.feed_forward = feed_forward
-        self.spring = joint_spring(drive.cables)
+        self.spring = joint_spring(drive.cables, self.limits)
         """All cables as a spring at the joint, see `guard.STIFFNESS`; 0 where they are
         not known."""
         self.settling = stable_settling_time(drive, self.spring)
@@ -222,15 +222,15 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     """
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
-    stiffness = joint_stiffness(drive.cables) / drive.ratio**2
+    limits = motor_limits(drive)
+    stiffness = joint_stiffness(drive.cables, limits) / drive.ratio**2
     damping = 2.0 * 0.7 * math.sqrt(stiffness * inertia)  # damping ratio 0.7
     damping = min(damping, _DELAY_SHARE * inertia / late)
     # At most 2: with little delay the share alone would allow any gain.
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), 2.0)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
     integral = integral_share * (1.0 + proportional) * bandwidth
-    limits, spring = motor_limits(drive), joint_spring(drive.cables)
-    damping *= guard.damper_share(limits, spring)
+    damping *= guard.damper_share(limits, joint_spring(drive.cables, limits))
     return LoopGains(damping / stiffness, proportional, integral)
 
 
@@ -273,7 +273,10 @@ class TunedFeedback(ProportionalIntegral):
         self.dead_sigmas = self.single_dead_sigmas if drive.one_way else 0.0
 
     def law_tables(self) -> LawTables:
-        cables, noise = cable_table(self.drive.cables), self.drive.torque_noise
+        cables, noise = (
+            cable_table(self.drive.cables, self.limits),
+            self.drive.torque_noise,
+        )
         settings = self.friction_share, self.slip_speed, self.dead_sigmas, noise
         return LawTables(
             cables.shape,

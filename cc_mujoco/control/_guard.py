@@ -230,6 +230,13 @@ def limits_of(gains: FloatArray) -> DriveLimits:
     )  # fmt: skip
 
 
+@compiled
+def largest_torque(limits: DriveLimits) -> float:
+    """Return the largest torque that motor and safe torque allow at the joint [N m]."""
+    driven = abs(limits.ratio) * max(limits.high, -limits.low)
+    return float(min(limits.safe_torque, driven, NO_TORQUE_LIMIT))
+
+
 @internal
 def limited(gains: FloatArray, torque: float) -> float:
     """Return a torque within the limits of the motor [N m]."""

@@ -326,7 +326,8 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         kernel.pack(values, bends, cables.n[k], cables.prm[k])
         add_preload(values, bends, cables.distal[k], spring)
         first += 2 + SCALARS + 2 * sections
-    spring[guard.STIFFNESS] = stiffness(cables.prm, cables.distal)
+    limits = guard.limits_of(part(memory, GAINS, CABLES - GAINS))
+    spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
 
 
 @internal

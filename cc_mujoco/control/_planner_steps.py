@@ -204,7 +204,8 @@ def _planned(planner: Planner, data: LawData) -> float:
             add_preload(values, conduit, cables.distal[k], spring)
         place += 2 + SCALARS + 2 * sections
     if has_parameters:
-        spring[guard.STIFFNESS] = stiffness(cables.prm, cables.distal)
+        limits = guard.limits_of(planner.tune)
+        spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
         memory[CHANGED] = 0.0
     if is_fresh:
         stepper.set_rest(cables, readings[0], 0.0, planner.state)

@@ -79,7 +79,7 @@ class PolicyAxis:
                 safe_speed=guard.NO_SPEED_LIMIT,
                 safe_power=guard.NO_POWER_LIMIT,
             )
-        self.spring = joint_spring(drive.cables)
+        self.spring = joint_spring(drive.cables, self.limits)
         """See `guard.STIFFNESS`."""
         settling = stable_settling_time(drive, self.spring)
         damping = settling * self.spring[guard.STIFFNESS] / drive.ratio**2

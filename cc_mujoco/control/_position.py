@@ -35,7 +35,12 @@ from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import joint_stiffness, stepper_cables
-from cc_mujoco.control._controller import Controller, readings, total_delay
+from cc_mujoco.control._controller import (
+    Controller,
+    motor_limits,
+    readings,
+    total_delay,
+)
 from cc_mujoco.control._hysteresis import (
     MODELS,
     Array,
@@ -348,7 +353,7 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
     every = max(1, trial.joint_angle.size // 500)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
     weights = HysteresisTrial(motor, joint).weights
-    cables = joint_stiffness(drive.cables)
+    cables = joint_stiffness(drive.cables, motor_limits(drive))
 
     def parameters(logs: Array) -> CableParameters:
         friction, pretension, spring = np.exp(np.clip(logs, -6.0, 4.0)).tolist()

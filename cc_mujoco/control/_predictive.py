@@ -232,7 +232,7 @@ class PredictiveCompensation(SteppedController):
         # Least noise, as a share of the greatest torque: a sensor without noise is no
         # reason to reverse for nothing.
         noise = max(drive.torque_noise, 1e-5 * max(map(abs, drive.reach)))
-        spring = joint_spring(drive.cables)
+        spring = joint_spring(drive.cables, self.limits)
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
         self.tuning = Tuning(

@@ -23,6 +23,7 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.control._cable_model import cable_table, full_slip_balance
+from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._feedback import loop_gains
 from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
@@ -62,7 +63,8 @@ def test_the_balance_is_that_of_the_model_when_all_slips(
 ) -> None:
     """The kernel, drawn by the joint as a motor that turns the other way would."""
     desired = 0.3 * drive.reach[1]
-    torque, stretch = full_slip_balance(cable_table(drive.cables), sense, desired)
+    cables = cable_table(drive.cables, motor_limits(drive))
+    torque, stretch = full_slip_balance(cables, sense, desired)
     model: Any = CableModel(drive)
     for share in np.linspace(0.2 if sense < 0.0 else 2.5, 1.0, 60):
         model.follow(np.zeros(1), np.array([share * desired]))

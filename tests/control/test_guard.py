@@ -31,6 +31,7 @@ from cc_mujoco.control._cable_model import (
     full_slip_balance,
     joint_spring,
 )
+from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._guard import NO_TORQUE_LIMIT, release_state
 from cc_mujoco.device import (
     TENSION_COLUMN,
@@ -183,11 +184,11 @@ def test_the_torque_of_the_stretch_lies_between_cables_that_slip_to_either_side(
 ) -> None:
     """`full_slip_balance` gives the stretch that makes a torque, either way."""
     plain = pull_pull() if pair else single()
-    cables = cable_table(plain.cables)
+    cables = cable_table(plain.cables, motor_limits(plain))
     cables[:, FRICTION] = friction
     sign = 1.0 if pair else math.copysign(1.0, plain.ratio)
     _, stretch = full_slip_balance(cables, sign * sense, sign * desired)
-    spring = joint_spring(plain.cables)
+    spring = joint_spring(plain.cables, motor_limits(plain))
     spring[guard.FRICTION] = friction
     found = guard.spring_edges(spring, not pair, sign * stretch)
     assert found[0] <= found[1]
@@ -199,11 +200,12 @@ def test_an_assumed_safe_torque_goes_by_the_balance_of_cables_that_slip(
     pair: bool, friction: float, desired: float
 ) -> None:
     plain = pull_pull() if pair else single()
-    cables = cable_table(plain.cables)
+    cables = cable_table(plain.cables, motor_limits(plain))
     cables[:, FRICTION] = friction
     sign = 1.0 if pair else math.copysign(1.0, plain.ratio)
     balance, _ = full_slip_balance(cables, sign, sign * desired)
-    slip = Slip(friction, joint_spring(plain.cables)[guard.REST] if pair else 0.0)
+    rest = joint_spring(plain.cables, motor_limits(plain))[guard.REST]
+    slip = Slip(friction, rest if pair else 0.0)
     held = slip.held(desired)
     assert held == pytest.approx(sign * plain.ratio * balance, rel=1e-9)
     least = max(2.0 * desired, 2.0 * held - desired)
@@ -220,7 +222,7 @@ class Loaded:
         """Return the readings of the next step."""
         self._time += self._step
         drive = self._law.drive
-        stiffness = joint_spring(drive.cables)[guard.STIFFNESS]
+        stiffness = joint_spring(drive.cables, motor_limits(drive))[guard.STIFFNESS]
         pulled = math.copysign(0.5, drive.ratio) * (1.0 - math.cos(9.0 * self._time))
         rate = math.copysign(4.5, drive.ratio) * math.sin(9.0 * self._time)
         found: dict[str, Any] = dict.fromkeys(MEASURED_COLUMNS, 0.0)
@@ -554,7 +556,8 @@ def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:
     law = controller("disturbance", drive(True, SAFE))
     assert isinstance(law, DisturbanceObserver)
     law.reset()
-    spring, stretch = joint_spring(law.drive.cables), np.linspace(-1.0, 1.0, 2001)
+    spring = joint_spring(law.drive.cables, law.limits)
+    stretch = np.linspace(-1.0, 1.0, 2001)
     made = [np.mean(guard.spring_edges(spring, False, one)) for one in stretch]
     before = 0.0
     for torque, learns in ((3.0, True), (1.2 * SAFE, False), (1.0, True)):

@@ -19,9 +19,10 @@ from cc_mujoco.control import (
     StictionCompensation,
 )
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._law_steps import model_memory
-from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
+from cc_mujoco.device import MEASURED_COLUMNS, TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError, CableWarning
 from control.devices import growth, pull_pull, single, there_and_back
 from study_marks import study_but
@@ -213,13 +214,30 @@ def test_bad_parameters_are_refused() -> None:
         DisturbanceObserver(drive, cutoff=0.0)
 
 
+def test_laws_take_soft_ends_for_the_spring_of_their_largest_torque() -> None:
+    """500 N at an arm of 1 m; without friction the stretch has a closed form."""
+    hard = single()
+    more = {"end_compliance": 2e-4, "end_hardening": 0.01, "end_loss": 0.4}
+    own = hard.cables[0].cable
+    suited = dataclasses.replace(
+        hard, cables=(dataclasses.replace(hard.cables[0], cable=own.replace(**more)),)
+    )
+    stretch = 500.0 * own.length / own.axial_stiffness
+    assert ModelBased(hard).spring[guard.STIFFNESS] == pytest.approx(500.0 / stretch)
+    stretch += 2e-4 / 0.01 * np.log(1.0 + 0.01 * 500.0)
+    law = ModelBased(suited)
+    assert law.spring[guard.STIFFNESS] == pytest.approx(500.0 / stretch)
+    law.torque(dict.fromkeys(MEASURED_COLUMNS, 0.0))  # which the compiled law computes
+    kept = law._memory[0, law_steps.SPRING + guard.STIFFNESS]
+    assert kept == law.spring[guard.STIFFNESS]
+
+
 def test_a_law_warns_of_clearance_that_makes_its_cables_soft() -> None:
     taut = pull_pull()
+    play = {"clearance": 5e-3, "seating_tension": 5.0, "axial_stiffness": 4e4}
     wide = [
-        dataclasses.replace(
-            drawn, cable=drawn.cable.replace(clearance=5e-3, seating_tension=5.0)
-        )
+        dataclasses.replace(drawn, cable=drawn.cable.replace(**play))
         for drawn in taut.cables
     ]
-    with pytest.warns(CableWarning, match="but `clearance` or .* times softer"):
+    with pytest.warns(CableWarning, match="overrate its tension .* of 200 N"):
         ModelBased(dataclasses.replace(taut, cables=tuple(wide)))

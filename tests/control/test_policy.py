@@ -136,7 +136,8 @@ def test_a_policy_lets_an_unsafe_joint_go_until_a_reset(tmp_path: Path) -> None:
     times = [0, 20, 40, 60, 120]
     rows[:, 4] += np.interp(np.arange(120), times, [0.0, 0.0, 3.0, 0.0, 6.0])
     torques = played(law, rows)
-    most = guard.command_limit(motor_limits(drive), joint_spring(drive.cables))
+    limits = motor_limits(drive)
+    most = guard.command_limit(limits, joint_spring(drive.cables, limits))
     assert most < drive.high and np.abs(torques).max() == most
     let_go = torques == torques[39]
     assert -0.01 < torques[39] < 0.0

@@ -21,6 +21,7 @@ from cc_mujoco.control import AdaptiveModel, CableModel, PredictiveCompensation
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._predictive import filter_gains, optimal_plan
 from cc_mujoco.device import Sensing, Sensors
 from cc_mujoco.errors import CableError
@@ -297,7 +298,7 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     model.ready(np.zeros(1))
     cables = model.cables
     state, new = model.state[0].copy(), np.zeros_like(model.state[0])
-    rise = joint_stiffness(drive.cables)
+    rise = joint_stiffness(drive.cables, motor_limits(drive))
     stepper.move(cables, state, turned, 0.0, 0.01, new, model.work)
     state[:] = new
     lack = aimed - rollout.joint_torque(cables, state, turned)

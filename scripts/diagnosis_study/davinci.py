@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from kept_cases import findings
 from tyro.conf import Positional
 
 from cc_mujoco.assets import scene_path
@@ -57,7 +56,14 @@ def main(
     for occasion in only:
         found, seconds = diagnosed(occasion, folder, out.parent)
         kept[occasion] = {
-            **findings(found),
+            "verdict": found.verdict,
+            "ties": [list(group) for group in found.ties],
+            "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
+            "gap": {
+                c: (g.noise_floor, g.rmse_before, g.rmse_after)
+                for c, g in found.gap.items()
+            },
+            "statement": found.statement,
             "seconds": seconds,
             "effects": {
                 e.id: {

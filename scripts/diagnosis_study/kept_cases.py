@@ -5,25 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
 
-if TYPE_CHECKING:
-    from cc_mujoco.diagnosis import Diagnosis
-
 Record = dict[str, Any]
-
-
-def kept(path: Path, make: Callable[[], Record]) -> Record:
-    """Return the record in the file `path`; if it is missing, make and write it."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(make(), indent=1), encoding="utf-8")
-    return json.loads(path.read_text(encoding="utf-8"))
 
 
 class Lines:
@@ -66,29 +55,3 @@ def complete(
             partial.write_text(table(lines.records), encoding="utf-8")
     print(table(lines.records))
     return lines.records
-
-
-def findings(found: Diagnosis) -> Record:
-    """Return a diagnosis as a record: verdict, effects, ties and their numbers."""
-    return {
-        "verdict": found.verdict,
-        "named": [each.id for each in found.missing],
-        "ties": [list(group) for group in found.ties],
-        "values": {
-            key: value.value
-            for each in found.effects
-            for key, value in each.parameters.items()
-        },
-        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
-        "gap": {
-            c: (g.noise_floor, g.rmse_before, g.rmse_after)
-            for c, g in found.gap.items()
-        },
-        "statement": found.statement,
-    }
-
-
-def words(case: Record) -> tuple[str, str, str]:
-    """Return verdict, named effects and ties of `findings` as cells of a table."""
-    ties = "; ".join(" or ".join(group) for group in case["ties"])
-    return case["verdict"], ", ".join(case["named"]) or "-", ties or "-"

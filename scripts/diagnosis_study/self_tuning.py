@@ -34,7 +34,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.hardware import Limits, TorqueTable, drive_of
-from cc_mujoco.report import COLORS, GREY, figure, save, style, table
+from cc_mujoco.report import table
 from rig.guides import GUIDES
 from rig.nominal import Rig, make_rig
 
@@ -162,7 +162,6 @@ SETTINGS = {"rotor": 1500.0, "motion": 100.0, "latest": 0.003}
 rotor is light, and the joint's encoder noisy."""
 EVERY, CUTOFF = 10, 3.0
 """Periods between two paths that the model takes over; low-pass before [Hz]."""
-PERFECT = Quality(1e-6, 0.0, 0.0)
 WORLDS: dict[str, dict[str, float]] = {
     "path": {},
     "path and friction": {"friction_drift": 0.5},
@@ -176,25 +175,22 @@ VARIANTS = {
     "strain": "sensors of tension",
     "bend+motor": "bend, and friction by the motor",
     "bend+strain": "bend, and friction by tension",
-    "bend, perfect": "sensors of bend without error",
-    "strain, perfect": "sensors of tension without error",
-    "truth": "path and friction as they are",
 }
 """Equipment of the controller, by its short name."""
 SEEDS = tuple(range(11, 21))
 
 
 class Equipped(Controller):
-    """A controller with sensors along the cables."""
+    """A controller with sensors along the cables, from whose bends its model has its
+    path if it senses them.
+    """
 
     def __init__(
-        self, law: Controller, bench: BendingBench, taps: Taps, *, senses_bend: bool,
-        knows_truth: bool = False,
-    ) -> None:  # fmt: skip
-        """Prepare; path from the sensors, or path and friction as they are."""
+        self, law: Controller, bench: BendingBench, taps: Taps, senses_bend: bool
+    ) -> None:
         super().__init__(law.drive)
         self._law, self._bench, self._taps = law, bench, taps
-        self._senses_bend, self._knows_truth = senses_bend, knows_truth
+        self._senses_bend = senses_bend
         self.reset()
 
     def reset(self, where: Any = None) -> None:
@@ -206,25 +202,18 @@ class Equipped(Controller):
         bends, tensions = self._taps.read(self._bench)
         share = -math.expm1(-2.0 * math.pi * CUTOFF * PERIOD)
         self._bends += share * (bends - self._bends)
-        if self._calls % EVERY == 0 and isinstance(self._law, PredictiveCompensation):
-            cables = self.drive.cables
-            scales = np.ones(2)
-            if self._knows_truth:
-                # The true product of friction and bend, by other bends of the model.
-                plant, rig = self._bench.plant, self._bench.cables
-                ran = 1.0 - np.exp(-rig.travel / plant.running_travel)
-                scales = plant.friction * (1.0 + plant.running_in * ran)
-                scales /= [own.cable.friction for own in cables]
-            if self._senses_bend or self._knows_truth:
-                bends = self._bends if self._senses_bend else self._bench.plant.bend
-                self._law.rebend(
-                    [
-                        scale * along(bend, own.cable.segments)
-                        for scale, bend, own in zip(scales, bends, cables, strict=True)
-                    ]
-                )
+        law = self._law
+        due = self._senses_bend and self._calls % EVERY == 0
+        if due and isinstance(law, PredictiveCompensation):
+            cables = (own.cable for own in self.drive.cables)
+            law.rebend(
+                [
+                    along(bend, cable.segments)
+                    for bend, cable in zip(self._bends, cables, strict=True)
+                ]
+            )
         self._calls += 1
-        return self._law.torque({**observation, TENSION_COLUMN: tensions})
+        return law.torque({**observation, TENSION_COLUMN: tensions})
 
 
 def along(bends: Array, segments: int) -> Array:
@@ -235,7 +224,6 @@ def along(bends: Array, segments: int) -> Array:
 
 
 def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equipped:
-    bend, strain = (BEND, STRAIN) if "perfect" not in name else (PERFECT, PERFECT)
     law: Controller
     if name == "pi":
         law = controller("pi", drive)
@@ -248,10 +236,7 @@ def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equippe
     else:
         learning = 5.0 if "motor" in name else 0.0
         law = PredictiveCompensation(drive, learning=learning, **SETTINGS)
-    taps = Taps(seed, PERIOD, bend, strain)
-    return Equipped(
-        law, bench, taps, senses_bend="bend" in name, knows_truth=name == "truth"
-    )
+    return Equipped(law, bench, Taps(seed, PERIOD), "bend" in name)
 
 
 def task(seed: int) -> tuple[TorqueTable, Swing]:
@@ -273,7 +258,7 @@ def task(seed: int) -> tuple[TorqueTable, Swing]:
 
 
 def played(name: str, world: str, seed: int) -> dict[str, Any]:
-    """Play a task; return RMS and median error [N m], and the outcome."""
+    """Play a task; return the RMS error [N m], and the outcome."""
     desired, swing = task(seed)
     rig = make_rig(seed, make="guides")
     bench = BendingBench(
@@ -285,19 +270,17 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
     law = equipped(name, drive, bench, seed)
     outcome = play(lockstep, law, desired, LIMITS, SECONDS)
     off = errors(lockstep, desired, SECONDS, SETTLED)
-    whole = outcome.code == 0
     return {
         "variant": name,
         "world": world,
         "seed": seed,
-        "rms": rms(off) if whole else math.nan,
-        "median": float(np.median(np.abs(off))) if whole else math.nan,
+        "rms": rms(off) if outcome.code == 0 else math.nan,
         "outcome": outcome.sentence,
     }
 
 
 def compared(
-    records: list[Mapping[str, Any]], world: str, name: str, key: str
+    records: list[Mapping[str, Any]], world: str, name: str
 ) -> tuple[float, float, float, float, int]:
     """Compare a variant with the fixed model, on the seeds that both finished.
 
@@ -305,7 +288,9 @@ def compared(
     model with the ends of its 95 % interval (bootstrap over seeds), and the number of
     unfinished runs.
     """
-    errors = {(r["variant"], r["seed"]): r[key] for r in records if r["world"] == world}
+    errors = {
+        (r["variant"], r["seed"]): r["rms"] for r in records if r["world"] == world
+    }
     own = {seed: e for (variant, seed), e in errors.items() if variant == name}
     pairs = np.array(
         [
@@ -328,7 +313,7 @@ def summary(records: list[Mapping[str, Any]]) -> str:
     rows = []
     for world in WORLDS:
         for name, meaning in VARIANTS.items():
-            mean, ratio, low, high, lost = compared(records, world, name, "rms")
+            mean, ratio, low, high, lost = compared(records, world, name)
             over = "1" if name == "fixed" else f"{ratio:.2f} ({low:.2f} to {high:.2f})"
             rows.append((world, meaning, f"{1e3 * mean:.0f}", over, str(lost)))
     head = (
@@ -337,38 +322,13 @@ def summary(records: list[Mapping[str, Any]]) -> str:
     return table(head, rows)
 
 
-def draw(records: list[Mapping[str, Any]], path: Path) -> None:
-    """Draw every variant's RMS error relative to the fixed model, with intervals."""
-    names = [name for name in VARIANTS if name not in ("pi", "fixed")]
-    with style():
-        drawing = figure(7.0, 3.6)
-        axes = drawing.add_subplot()
-        for k, (world, color) in enumerate(zip(WORLDS, COLORS, strict=False)):
-            found = np.array(
-                [compared(records, world, name, "rms")[1:4] for name in names]
-            )
-            between = found[:, 0]
-            axes.errorbar(
-                between, np.arange(len(names)) + 0.16 * (2 * k - 1), fmt="o",
-                xerr=[between - found[:, 1], found[:, 2] - between], color=color,
-                label=f"changes: {world}",
-            )  # fmt: skip
-        axes.axvline(1.0, color=GREY)
-        axes.set_yticks(range(len(names)), [VARIANTS[name] for name in names])
-        axes.invert_yaxis()
-        axes.set_xlabel("RMS error over that of the fixed model (95 % intervals)")
-        axes.legend()
-        save(path, drawing)
-
-
 def main(
     seeds: tuple[int, ...] = SEEDS,
     variants: tuple[Literal[tuple(VARIANTS)], ...] = tuple(VARIANTS),
     out: Path = Path("runs", "self_tuning"),
 ) -> None:
     cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
-    records = complete(out, ("variant", "world", "seed"), cases, played, summary)
-    draw(records, out / "self_tuning.png")
+    complete(out, ("variant", "world", "seed"), cases, played, summary)
 
 
 if __name__ == "__main__":

@@ -74,20 +74,18 @@ def test_a_comparison_is_by_pairs_and_counts_what_did_not_finish() -> None:
         for seed in range(5)
     ]
     records[-1]["rms"] = float("nan")
-    mean, ratio, low, high, lost = compared(records, "path", "bend", "rms")
+    mean, ratio, low, high, lost = compared(records, "path", "bend")
     assert (mean, ratio, low, high) == pytest.approx((1.25, 0.5, 0.5, 0.5))
     assert lost == 1
 
 
-@pytest.mark.parametrize(
-    "name", ["bend+strain", pytest.param("truth", marks=pytest.mark.study)]
-)
 def test_a_task_is_the_same_again_and_follows_what_is_asked_for(
-    name: str, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    name = "bend+strain"
     monkeypatch.setattr(self_tuning, "SECONDS", 0.9)
     monkeypatch.setattr(self_tuning, "SETTLED", 0.6)
     record = self_tuning.played(name, "path", 1)
     assert name in VARIANTS and record["outcome"] == "the 0.9 s are over."
-    assert 0.0 < record["median"] < record["rms"] < 1.0
+    assert 0.0 < record["rms"] < 1.0
     assert self_tuning.played(name, "path", 1) == record

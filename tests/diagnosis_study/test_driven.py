@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from closed_loop import LIMITS, SECONDS, Case, task
-from driven import Bench, Lockstep
+from controlled import LIMITS, SECONDS, task
+from driven import Bench, Lockstep, errors, play
 
 from cc_mujoco.control import StictionCompensation, controller
 from cc_mujoco.device import Drive
@@ -65,27 +65,22 @@ def test_it_hides_what_is_at_the_motor_and_in_the_pretension() -> None:
 
 
 @pytest.mark.study
-def test_a_controller_that_knows_the_drag_tracks_three_times_better(
-    tmp_path: Path,
-) -> None:
+def test_a_controller_that_knows_the_drag_tracks_three_times_better() -> None:
     """The best that a diagnosis could do, by the loop that asks what it does."""
-    case = Case("none", 1, 0.0, tmp_path)
     desired, swing = task()
     found = []
     for drag in (0.0, 75.0):
-        plain = drive_of("bench", case.folder, 0.0005, LIMITS.torque)
+        plain = drive_of("bench", Path(), 0.0005, LIMITS.torque)
         row = tuple(
             dataclasses.replace(each, cable=each.cable.replace(viscous_friction=drag))
             for each in plain.cables
         )
         law = StictionCompensation(dataclasses.replace(plain, cables=row))
-        bench = Bench(case.rig, {"viscous_friction": 150.0}, 0.0005)
+        hidden = {"viscous_friction": 150.0}
+        bench = Bench(make_rig(1, make="guides"), hidden, 0.0005)
         rig = Lockstep(bench, 1, swing)
-        axis = DrivenAxis(rig, law.drive, desired, LIMITS, Watchdog())
-        Loop([axis], law, clock=rig, log=Rows()).run(SECONDS)
-        now = 0.0005 * np.arange(len(rig.torques))
-        off = np.array(rig.torques) - np.interp(now, desired.times, desired.torques)
-        found.append(np.std(off[(now > 2.0) & (now < SECONDS)]))
+        play(rig, law, desired, LIMITS, SECONDS)
+        found.append(np.std(errors(rig, desired, SECONDS, 2.0)))
     assert found[1] < found[0] / 3.0
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
 from play_rig import PERIOD, SILENCE, ServedHost, UdpEnd, Worn, WornRig, ends_of
 
@@ -21,6 +20,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._packet import Command
+from hardware import lagging
 from hardware.peers import toml
 from rig import make_rig
 
@@ -173,15 +173,15 @@ SECONDS = 2.0
 @pytest.mark.parametrize(
     "law",
     [
-        bench_motor_lag.NOTHING,
+        lagging.NOTHING,
         *(pytest.param(law, marks=pytest.mark.study) for law in ("none", "pi")),
     ],
 )
 def test_the_example_of_the_page_does_its_task(law: str) -> None:
     """With a third of the error of a motor that is off, and of simple controllers."""
-    settings = bench_motor_lag.page_settings()
+    settings = lagging.page_settings()
     found, other = (
-        bench_motor_lag.bench(each, settings, seconds=SECONDS)[0]
+        lagging.bench(each, settings, seconds=SECONDS)[0]
         for each in ("predictive", law)
     )
     assert 3.0 * found < other
@@ -189,19 +189,15 @@ def test_the_example_of_the_page_does_its_task(law: str) -> None:
 
 def test_bristles_that_the_rotor_contradicts_are_not_planned_with() -> None:
     """They predict the torque at the joint better, and the error was 1.3 N m."""
-    settings = bench_motor_lag.page_settings()
-    assert (
-        bench_motor_lag.bench("predictive", settings, seed=3, seconds=SECONDS)[0] < 0.15
-    )
+    settings = lagging.page_settings()
+    assert lagging.bench("predictive", settings, seed=3, seconds=SECONDS)[0] < 0.15
 
 
 def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:
     """At a rate at which a plan that does not know it swings."""
-    settings = bench_motor_lag.page_settings({"torque_rate": "40.0"})
-    known, kept = bench_motor_lag.bench("predictive", settings, seconds=3.0)
-    unknown, cut = bench_motor_lag.bench(
-        "predictive", settings, seconds=3.0, rate_known=False
-    )
+    settings = lagging.page_settings({"torque_rate": "40.0"})
+    known, kept = lagging.bench("predictive", settings, seconds=3.0)
+    unknown, cut = lagging.bench("predictive", settings, seconds=3.0, rate_known=False)
     assert known < 0.25
     assert 4.0 * known < unknown
     assert kept.rate_limited < 0.05 * kept.cycles
@@ -212,9 +208,9 @@ def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:
 @pytest.mark.study
 @pytest.mark.parametrize("lag", [0.003, 0.005])
 def test_a_lag_that_the_plan_knows_costs_little(lag: float) -> None:
-    settings = bench_motor_lag.page_settings()
+    settings = lagging.page_settings()
     known, unknown = (
-        bench_motor_lag.bench(
+        lagging.bench(
             "predictive",
             dataclasses.replace(settings, motor_lag=believed),
             lag=lag,
@@ -228,4 +224,4 @@ def test_a_lag_that_the_plan_knows_costs_little(lag: float) -> None:
 
 def test_a_pair_of_cables_is_not_worse_off_for_a_lag_that_the_plan_knows() -> None:
     """It was: 0.13 N m of a controller that knew 1 ms, and 0.07 of one that did not."""
-    assert bench_motor_lag.device("predictive", "wrist", 1e-3, True, 3) < 0.1
+    assert lagging.device("predictive", "wrist", 1e-3, True, 3) < 0.1

@@ -1,12 +1,8 @@
-"""Measure how much torque error of `predictive` a motor that lags costs.
+"""The example of the hardware page and a wrist, played with a motor that lags.
 
-    python scripts/benchmarks/bench_motor_lag.py --lags 0 1 3 5 --seeds 2
-
-The bench is the rig of `play_rig.py`, in simulated time, with the `rig.toml` of the
-hardware page: a hand swings the joint while 0.5 N m are asked for. Wrist and ankle are
-the environments, 2 s of their own task and motion with their own sensors, whose motor
-is a filter of first order. A controller either knows the lag (`Drive.motor_lag`) or
-takes it for 0. Errors are RMS, of the torque that the joint truly got.
+The bench is the rig of `play_rig.py`, in simulated time: a hand swings the joint while
+0.5 N m are asked for. A controller either knows the lag (`Drive.motor_lag`) or takes it
+for 0. Errors are RMS, of the torque that the joint truly got.
 """
 
 from __future__ import annotations
@@ -14,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -22,18 +17,12 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
-import tyro
-
-import cc_mujoco.envs  # noqa: F401, registers the environments
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
-
 from driven import Bench, Lockstep, play
 
+import cc_mujoco.envs  # noqa: F401, registers the environments
 from cc_mujoco.control import Controller, controller
 from cc_mujoco.device import Drive, Measuring, load_device
 from cc_mujoco.hardware import RunOutcome, Settings, read_settings
-from cc_mujoco.report import table
 from cc_mujoco.simulation import Single, Trace, run
 from rig import make_rig
 
@@ -137,36 +126,3 @@ def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
     env.close()
     off = trace.columns["joint_torque_nm"] - trace.columns["desired_torque_nm"]
     return float(np.sqrt(np.mean(off**2)))
-
-
-def row(scene: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
-    """Return a row of the table, with the mean error over the seeds."""
-    found = []
-    for seed in seeds:
-        if scene != "bench":
-            found.append(device("predictive", scene, lag, known, seed))
-            continue
-        settings = dataclasses.replace(page_settings(), motor_lag=lag * known)
-        found.append(bench("predictive", settings, lag=lag, seed=seed)[0])
-    return scene, f"{1e3 * lag:g}", f"{1e3 * lag * known:g}", f"{np.mean(found):.3g}"
-
-
-def main(
-    scenes: tuple[str, ...] = ("bench", "wrist", "ankle"),
-    lags: tuple[float, ...] = (0.0, 1.0, 3.0, 5.0),
-    seeds: int = 2,
-    first_seed: int = 1,
-) -> None:
-    """Print the table; lags are in milliseconds."""
-    numbers = range(first_seed, first_seed + seeds)
-    rows = [
-        row(scene, 1e-3 * lag, known, numbers)
-        for scene in scenes
-        for lag in lags
-        for known in ((True, False) if lag else (True,))
-    ]
-    print(table(("scene", "lag [ms]", "lag believed", "RMS error [N m]"), rows))
-
-
-if __name__ == "__main__":
-    tyro.cli(main)

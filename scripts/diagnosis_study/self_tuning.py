@@ -181,9 +181,7 @@ SEEDS = tuple(range(11, 21))
 
 
 class Equipped(Controller):
-    """A controller with sensors along the cables, from whose bends its model has its
-    path if it senses them.
-    """
+    """A controller with sensors along the cables, which may tell its model the path."""
 
     def __init__(
         self, law: Controller, bench: BendingBench, taps: Taps, senses_bend: bool

@@ -112,8 +112,7 @@ def test_a_film_is_what_its_script_writes_and_soon_loaded() -> None:
     }
     assert len(films) == 7
     assert sum(path.stat().st_size for path in films.values()) < 4e6
-    for place, path in films.items():
-        assert demo_film.is_ours(path), place
+    for path in films.values():
         demo = path.name == "controllers.webp"
         seconds = demo_film.DURATION if demo else demo_film.OF_A_DEVICE
         with Image.open(path) as film:

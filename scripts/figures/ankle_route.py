@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,17 +29,6 @@ CYCLES = 3
 MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
 
 
-class Cycle(NamedTuple):
-    """The last gait cycle; arrays have one entry per time step."""
-
-    phase: Array  # fraction of the cycle
-    wrap: Array  # wrap angle of the conduit [rad]
-    torque: Array  # of the cable on the ankle, plantarflexion positive [N m]
-    motor: Array  # tension at the motor [N]
-    heel: Array  # tension at the heel [N]
-    lost: float  # energy that friction took in the cycle [J]
-
-
 def scene(bend: str) -> mujoco.MjModel:
     """Return the ankle exoskeleton whose conduit has this `bend` key."""
     spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
@@ -49,25 +37,23 @@ def scene(bend: str) -> mujoco.MjModel:
     return spec.compile()
 
 
-def lever(model: mujoco.MjModel) -> float:
-    """Return the moment arm of the cable at the heel in the neutral pose [m]."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    lengths = []
-    for angle in (-1e-5, 1e-5):
-        data.joint("ankle").qpos[0] = angle
-        mujoco.mj_fwdPosition(model, data)
-        lengths.append(data.ten_length[model.tendon(f"{CABLE}_free_distal").id])
-    return float(lengths[1] - lengths[0]) / 2e-5
+def walk(model: mujoco.MjModel) -> tuple[Array, float]:
+    """Simulate a walk; return rows of the last gait cycle and the energy it lost [J].
 
-
-def walk(model: mujoco.MjModel) -> Cycle:
+    Rows (5, samples) are phase, wrap angle [rad], torque of the cable on the ankle,
+    plantarflexion positive [N m], and tension at the motor and at the heel [N].
+    """
     data = mujoco.MjData(model)
     cable = plugin.from_mjcf(model)[CABLE]
     proximal = model.actuator(f"{CABLE}_proximal")
     distal = model.actuator(f"{CABLE}_distal")
     motor, ankle = model.joint("motor"), model.joint("ankle")
-    arm = lever(model)
+    lengths = []
+    for angle in (-1e-5, 1e-5):  # about the neutral pose
+        data.joint("ankle").qpos[0] = angle
+        mujoco.mj_fwdPosition(model, data)
+        lengths.append(data.ten_length[model.tendon(f"{CABLE}_free_distal").id])
+    arm = float(lengths[1] - lengths[0]) / 2e-5
     drum = abs(float(proximal.gear[0]))
     inertia = float(model.dof_M0[motor.dofadr[0]])
     damping = 2.0 * BANDWIDTH * inertia / drum**2
@@ -99,39 +85,27 @@ def walk(model: mujoco.MjModel) -> Cycle:
             phase, plugin.segment_wrap(model, data, CABLE).sum(), -torque,
             data.actuator_force[proximal.id], -data.actuator_force[distal.id],
         )  # fmt: skip
-    lost = plugin.read(model, data, CABLE).dissipated - before
-    return Cycle(*rows.T, lost)
+    return rows.T, plugin.read(model, data, CABLE).dissipated - before
 
 
-def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
+def draw(path: Path, cycles: dict[str, Array]) -> None:
+    panels = {
+        "Wrap angle of the conduit": "wrap [rad]",
+        "Tension that arrives at the heel": "heel / motor tension [-]",
+        "Assistance at the ankle": "plantarflexion torque [N m]",
+    }
     with report.style():
         drawing = report.figure(7.2, 7.0)
         axes = drawing.subplots(3, 1, sharex=True)
-        both = {
-            "fixed route": (fixed, report.BLUE),
-            "moving route": (moving, report.ORANGE),
-        }
-        for name, (cycle, color) in both.items():
-            percent = 100.0 * cycle.phase
-            axes[0].plot(percent, cycle.wrap, color=color, label=name)
-            axes[1].plot(percent, cycle.heel / cycle.motor, color=color)
-            axes[2].plot(percent, cycle.torque, color=color)
-        wanted = PEAK * assistance(fixed.phase)
-        axes[2].plot(
-            100.0 * fixed.phase, wanted, color=report.BLACK, dashes=report.DASH_PATTERN,
-            label="wanted",
-        )  # fmt: skip
-        axes[0].set(title="Wrap angle of the conduit", ylabel="wrap [rad]")
-        axes[1].set(
-            title="Tension that arrives at the heel", ylabel="heel / motor tension [-]"
-        )
-        axes[2].set(
-            title="Assistance at the ankle",
-            ylabel="plantarflexion torque [N m]",
-            xlabel="gait cycle from heel strike [%]",
-            xlim=(0, 100),
-        )
-        axes[0].legend()
+        for name, (phase, wrap, torque, motor, heel) in cycles.items():
+            for own, curve in zip(axes, (wrap, heel / motor, torque), strict=True):
+                own.plot(100.0 * phase, curve, label=name)
+        looks = {"color": report.BLACK, "dashes": report.DASH_PATTERN}
+        wanted = PEAK * assistance(phase)
+        axes[2].plot(100.0 * phase, wanted, **looks, label="wanted")
+        for own, (title, label) in zip(axes, panels.items(), strict=True):
+            own.set(title=title, ylabel=label)
+        axes[2].set(xlabel="gait cycle from heel strike [%]", xlim=(0, 100))
         axes[2].legend()
         report.save(path, drawing)
 
@@ -140,12 +114,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=report.figure_path)
     out = parser.parse_args().out
-    fixed, moving = (walk(scene(bend)) for bend in ("fixed", "route"))
-    draw(out, fixed, moving)
+    (fixed, before), (moving, now) = (walk(scene(bend)) for bend in ("fixed", "route"))
+    draw(out, {"fixed route": fixed, "moving route": moving})
     print(
-        f"wrap {moving.wrap.min():.1f} to {moving.wrap.max():.1f} rad, in the neutral "
-        f"pose {fixed.wrap[0]:.1f} rad; friction takes "
-        f"{moving.lost / fixed.lost - 1.0:+.0%} energy"
+        f"wrap {moving[1].min():.1f} to {moving[1].max():.1f} rad, in the neutral pose "
+        f"{fixed[1, 0]:.1f} rad; friction takes {now / before - 1.0:+.0%} energy"
     )
 
 

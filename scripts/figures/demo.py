@@ -35,6 +35,7 @@ LAWS = {
     "predictive": "the cable's model, rolled ahead",
 }
 CABLE, SPRING = "flexor", Spring(2.5)
+ENDS = {"proximal": "at the motor", "distal": "at the joint"}
 BEGIN = 0.5  # time from which on torques are judged [s]
 
 
@@ -58,69 +59,66 @@ def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
     return log, env.unwrapped.model
 
 
-class Played:
-    """Result of one controller; arrays are (samples,)."""
-
-    def __init__(self, log: EpisodeLog) -> None:
-        self.time, self.desired = log["time_s"], log["desired_torque_nm"]
-        self.torque, self.joint = log["joint_torque_nm"], log["joint_angle_rad"]
-        self.proximal = log[f"tension_{CABLE}_proximal_n"]
-        self.distal = log[f"tension_{CABLE}_distal_n"]
-        self.error = relative_error(self.time, self.desired, self.torque)
-        lost = [log[f"dissipated_{name}_j"] for name in log.cables]
-        # Energy that friction turned into heat [J].
-        self.lost = float(sum(each[-1] - each[0] for each in lost))
-        self.peak = METRICS["peak_motor_torque"].compute(log)
-        self.chatter = METRICS["chatter"].compute(log)
+def results(log: EpisodeLog) -> dict[str, float]:
+    """Return error, lost energy [J] and metrics of an episode."""
+    lost = [log[f"dissipated_{name}_j"] for name in log.cables]
+    return {
+        "error": relative_error(
+            log["time_s"], log["desired_torque_nm"], log["joint_torque_nm"]
+        ),
+        "lost": float(sum(each[-1] - each[0] for each in lost)),
+        "tension": float(log[f"tension_{CABLE}_proximal_n"].max()),
+        "peak": METRICS["peak_motor_torque"].compute(log),
+        "chatter": 1e3 * METRICS["chatter"].compute(log),
+    }
 
 
-def words(found: dict[str, Played]) -> list[str]:
-    none, rival, best = found.values()
-    moment = int(np.argmax(best.proximal))
-    kept = best.distal[moment] / best.proximal[moment]
-    travel = float(np.sum(np.abs(np.diff(none.joint))))
+def words(logs: dict[str, EpisodeLog]) -> list[str]:
+    none, rival, best = map(results, logs.values())
+    first, *_, log = logs.values()
+    proximal, distal = (log[f"tension_{CABLE}_{end}_n"] for end in ENDS)
+    moment, joint = int(np.argmax(proximal)), first["joint_angle_rad"]
+
+    def each(name: str, form: str) -> str:
+        return "{:{f}}, {:{f}} and {:{f}}".format(
+            none[name], rival[name], best[name], f=form
+        )
+
     return [
-        f"The wearer sweeps the handle over {np.ptp(none.joint):.2f} rad, "
-        f"{travel:.2g} rad in all; the device should feel like a spring, with up to "
-        f"{np.abs(best.desired).max():.2f} N m.",
-        f"Of {best.proximal[moment]:.0f} N that the motor pulls at most, "
-        f"{best.distal[moment]:.0f} N come out of the conduit: {1.0 - kept:.0%} are "
-        "lost on the way.",
-        f"Without compensation (none) the wearer drags the cable along: the torque is "
-        f"off by {none.error:.0%} of what is desired.",
+        f"The wearer sweeps the handle over {np.ptp(joint):.2f} rad, "
+        f"{np.sum(np.abs(np.diff(joint))):.2g} rad in all; the device should feel like "
+        f"a spring, with up to {np.abs(log['desired_torque_nm']).max():.2f} N m.",
+        f"Of {proximal[moment]:.0f} N that the motor pulls at most, "
+        f"{distal[moment]:.0f} N come out of the conduit: "
+        f"{1.0 - distal[moment] / proximal[moment]:.0%} are lost on the way.",
+        "Without compensation (none) the wearer drags the cable along: the torque is "
+        f"off by {none['error']:.0%} of what is desired.",
         "A tuned baseline, lqg (rotor, spring, disturbance observer), leaves "
-        f"{rival.error:.1%}.",
+        f"{rival['error']:.1%}.",
         "predictive, which rolls the model of the cable ahead and crosses its friction "
-        f"in one move, leaves {best.error:.1%}: {best.error / rival.error:.2f} times "
-        "that.",
-        f"The price, none, lqg and predictive: motor torque up to {none.peak:.2f}, "
-        f"{rival.peak:.2f} and {best.peak:.2f} N m, chatter {1e3 * none.chatter:.0f}, "
-        f"{1e3 * rival.chatter:.0f} and {1e3 * best.chatter:.0f} mN m, up to "
-        f"{none.proximal.max():.0f}, {rival.proximal.max():.0f} and "
-        f"{best.proximal.max():.0f} N at the motor's end of the flexor, "
-        f"{none.lost:.1f}, {rival.lost:.1f} and {best.lost:.1f} J of heat.",
+        f"in one move, leaves {best['error']:.1%}: "
+        f"{best['error'] / rival['error']:.2f} times that.",
+        f"The price, none, lqg and predictive: motor torque up to {each('peak', '.2f')}"
+        f" N m, chatter {each('chatter', '.0f')} mN m, up to {each('tension', '.0f')} N"
+        f" at the motor's end of the {CABLE}, {each('lost', '.1f')} J of heat.",
     ]
 
 
-def draw(found: dict[str, Played], out: Path) -> None:
+def draw(logs: dict[str, EpisodeLog], out: Path) -> None:
     with report.style():
         drawing = report.figure(11.5, 5.2)
-        axes = drawing.subplots(2, len(found), sharex=True, sharey="row")
-        for (law, one), column in zip(found.items(), axes.T, strict=True):
-            above, below = column
-            above.plot(one.time, one.torque, color=report.BLUE, label="delivered")
+        axes = drawing.subplots(2, len(logs), sharex=True, sharey="row")
+        for (law, log), (above, below) in zip(logs.items(), axes.T, strict=True):
+            time = log["time_s"]
+            above.plot(time, log["joint_torque_nm"], color=report.BLUE)
             above.plot(
-                one.time,
-                one.desired,
-                color=report.GREY,
-                dashes=report.DASH_PATTERN,
-                label="desired",
-            )
-            above.set_title(f"{law}: {LAWS[law]}\nerror {one.error:.1%}")
-            below.plot(
-                one.time, one.proximal, color=report.ORANGE, label="at the motor"
-            )
-            below.plot(one.time, one.distal, color=report.BLUE, label="at the joint")
+                time, log["desired_torque_nm"], color=report.GREY,
+                dashes=report.DASH_PATTERN, label="desired",
+            )  # fmt: skip
+            above.set_title(f"{law}: {LAWS[law]}\nerror {results(log)['error']:.1%}")
+            for end, color in zip(ENDS, (report.ORANGE, report.BLUE), strict=True):
+                tension = log[f"tension_{CABLE}_{end}_n"]
+                below.plot(time, tension, color=color, label=ENDS[end])
             below.set_xlabel("time [s]")
         axes[0, 0].set_ylabel("joint torque [N m]")
         axes[1, 0].set_ylabel(f"tension of the {CABLE} [N]")
@@ -141,15 +139,14 @@ def main() -> None:
     if record is not None:
         require_ours(record)
         require_page()
-    *others, last = LAWS
-    found = {law: Played(episode(law, arguments.duration)[0]) for law in others}
-    log, model = episode(last, arguments.duration)
+    played = {law: episode(law, arguments.duration) for law in LAWS}
+    last, (log, model) = list(played.items())[-1]
     if record is not None:
         write_episode(record, log, model, html=True)
-    found[last] = Played(log)
-    draw(found, out)
+    logs = {law: own for law, (own, _) in played.items()}
+    draw(logs, out)
     print()
-    for sentence in words(found):
+    for sentence in words(logs):
         print(f"- {sentence}")
     print(f"\nsee:        {out}")
     if record is not None:

@@ -31,12 +31,8 @@ STYLE = {
 }
 """Style of the pictures."""
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-NAMES = (
-    "cable_in_mjcf", "tendon_friction", "own_exoskeleton", "own_environment",
-    "own_controller", "own_task", "own_metric", "own_effect", "what_if", "search",
-    "diagnose_csv", "play_policy", "train_ppo", "rig_in_the_loop",
-)  # fmt: skip
-"""The examples, in the order of their page."""
+NAMES = sorted({path.stem for path in EXAMPLES.glob("*.py")} - {"knee_trials"})
+"""Examples that draw."""
 
 
 def drawn(name: str) -> Figure:

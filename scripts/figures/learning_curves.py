@@ -25,15 +25,9 @@ def main() -> None:
         drawing = figure(7.0, 3.6)
         axes = drawing.add_subplot()
         for folder, color in zip(options.folders, COLORS, strict=False):
-            # A training that has just begun has a heading alone.
-            paths = [
-                path
-                for path in sorted(folder.glob("*.csv"))
-                if len(path.read_text(encoding="utf-8").splitlines()) > 2
-            ]
+            paths, ends = sorted(folder.glob("*.csv")), []
             if not paths:
                 parser.error(f"{folder} has no learning curve (*.csv).")
-            ends = []
             for path in paths:
                 steps, _, returns = np.loadtxt(path, delimiter=",", skiprows=1).T
                 label = folder.name if path == paths[0] else None
@@ -43,12 +37,7 @@ def main() -> None:
                 f"{folder.name}: {len(ends)} seeds, {np.mean(ends):.3f} "
                 f"({min(ends):.3f} to {max(ends):.3f}) per second"
             )
-        axes.set(
-            title="Return while learning, exploration included",
-            xlabel="steps of 5 ms [thousand]",
-            ylabel="return per second",
-            ylim=(-1.7, 0.0),
-        )
+        axes.set(xlabel="steps of 5 ms [thousand]", ylabel="return per second")
         axes.legend(loc="lower right")
         save(options.out, drawing)
 

@@ -55,7 +55,7 @@ def require_plugin_support() -> None:
     Raises:
         OldMujocoError: it is older than `OLDEST_MUJOCO`.
     """
-    if not _supports_plugin():
+    if not supports_plugin():
         oldest = ".".join(map(str, OLDEST_MUJOCO))
         raise OldMujocoError(
             f"cables inside MuJoCo need mujoco {oldest} or newer, not "
@@ -68,13 +68,13 @@ def _mujoco() -> Any:
     return import_module("mujoco")
 
 
-def _supports_plugin() -> bool:
+def supports_plugin() -> bool:
     major, minor = OLDEST_MUJOCO
     return bool(_mujoco().mj_version() >= 1_000_000 * major + 1_000 * minor)
 
 
 def _register() -> None:
-    if _supports_plugin():
+    if supports_plugin():
         import_module("cc_mujoco.plugin")
 
 

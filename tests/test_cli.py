@@ -349,7 +349,7 @@ def test_list_shows_every_name_with_a_meaning(
 
     laws = {*CONTROLLERS, *POSITION_CONTROLLERS, "decoupled_NAME"}
     played = {*EVERY_SCENE, *TRAJECTORIES, *TASKS, *laws}
-    rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
+    rows = {*VARIABLES, "OWNER.NAME", *MATERIALS, *MOTORS, *METRICS}
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     names = " ".join(line for line in lines if line.startswith("  ")).split()
@@ -369,6 +369,8 @@ def test_list_takes_a_part_of_a_name_or_of_a_meaning_or_a_device(
     assert capsys.readouterr().out.split()[:2] == ["effects", "drum_winding"]
     assert cli.main(["list", "Kuhnen"]) == 0
     assert "prandtl_ishlinskii" in capsys.readouterr().out
+    assert cli.main(["list", "extensor.friction"]) == 0
+    assert "kinetic Coulomb coefficient" in capsys.readouterr().out
     assert cli.main(["list", "wrist"]) == 0
     assert "cables of wrist" in capsys.readouterr().out
     assert cli.main(["list", "dataset.toml"]) == 0

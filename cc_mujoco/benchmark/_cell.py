@@ -70,6 +70,10 @@ EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
 """All, in the order of tables."""
 
 
+CUT_SHARE = "cut_share"
+"""Column of the share of an entry's torques beyond the motor's, which were cut."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """A controller in a condition, with the seeds of its episodes."""
@@ -273,6 +277,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     kept += ["least_tension_n", "tension_n"]
     rows: dict[str, NDArray[Any]] = {**batch.play(made.law, made.sensors.measure, kept)}
     time = np.arange(batch.steps + 1, dtype=float) * batch.exo.period
+    cut = _cut_shares(made.law)
     count = len(cells[0].seeds)
     rows["time_s"] = np.repeat(time[:, None], count * len(cells), axis=1)
     reference = conditions.REFERENCES.get(cells[0].controller)
@@ -287,8 +292,22 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         usual = cell.condition.usual
         trace = _trace_columns(cell, part, batch.prefixes) if usual else {}
         scores = _scores(cell, part, made)
-        found.append(CellResult(scores, _plant_columns(made, own), trace))
+        about = _plant_columns(made, own)
+        if cut:
+            about[CUT_SHARE] = cut[own]
+        found.append(CellResult(scores, about, trace))
     return found
+
+
+def _cut_shares(law: Controller) -> list[float]:
+    """Return the share of an entry's torques that were cut, by plant; else []."""
+    entries = law.laws if isinstance(law, PlantsController) else [law]
+    return [
+        float(count) / max(one.calls, 1)
+        for one in entries
+        if isinstance(one, Entry)
+        for count in one.cut
+    ]
 
 
 def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:

@@ -113,8 +113,9 @@ class Condition:
         look_up("error", self.error, MODEL_ERRORS)
         if not self.duration > 2.0 * WARM_UP:
             raise CableError(
-                f"duration must be above {2.0 * WARM_UP:g} s, not {self.duration!r}; "
-                f"the first {WARM_UP:g} s have no score."
+                f"duration must be more than {2.0 * WARM_UP:g} s, not "
+                f"{self.duration:g} s: the first {WARM_UP:g} s have no score, and as "
+                f"much must be left; take {3.0 * WARM_UP:g} s for a quick look."
             )
         low, high = self.delay
         if not 0 <= low <= high <= 1000:

@@ -79,7 +79,8 @@ def _report_page(
         parts[key] = _device(folder, own, baseline, key == "device0")
     titles |= {"all": "All controllers and references", "words": "What the names mean"}
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
-    notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
+    notes = (*text.divergence_sentences(results), *text.cut_sentences(results))
+    notes += tuple(text.assumed_limits(results))
     notes += tuple(text.left_out_sentences(plan.left_out()))
     parts["all"] = _folded_table(text.OVERVIEW_HEADING, text.overview_table(results))
     times = text.times_table(results)

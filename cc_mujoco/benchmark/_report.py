@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cc_mujoco.benchmark import _ranking as ranking
-from cc_mujoco.benchmark._cell import EVERY_SCORE, ranked_score
+from cc_mujoco.benchmark._cell import CUT_SHARE, EVERY_SCORE, ranked_score
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
 from cc_mujoco.benchmark._ranking import Place
 from cc_mujoco.benchmark._results import (
@@ -110,6 +110,7 @@ def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
         OVERVIEW_HEADING,
         table(*overview_table(results)),
         *divergence_sentences(results),
+        *cut_sentences(results),
         *assumed_limits(results),
     ]
     return "\n\n".join(parts)
@@ -170,6 +171,19 @@ def divergence_sentences(results: Results) -> list[str]:
         f"in {int(values.sum())} of {values.size} episodes."
         for law, values in episodes.items()
         if values.any()
+    ]
+
+
+def cut_sentences(results: Results) -> list[str]:
+    """Return a sentence per entry with the share of its torques that were cut."""
+    found: dict[str, list[float]] = {}
+    for cell, played in results:
+        found.setdefault(cell.controller, []).extend(played.plants.get(CUT_SHARE, ()))
+    return [
+        f"{controller_label(law)} commanded more than the motor gives in "
+        f"{100.0 * np.mean(shares):.3g} % of its steps, and was cut to that."
+        for law, shares in found.items()
+        if any(shares)
     ]
 
 

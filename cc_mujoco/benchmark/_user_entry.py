@@ -14,9 +14,12 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
+import faulthandler
 import json
+import math
 import os
 import pickle
+import signal
 import struct
 import subprocess
 import sys
@@ -39,6 +42,9 @@ _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")
 """Key, number of dimensions (0 to 2), the first two of them, or 1, and the time that it
 took [s]."""
+
+ANSWER_TIME = 120.0
+"""Time that an entry has for an answer of all plants, its compilation included [s]."""
 
 _processes: dict[str, _Process] = {}  # process of every entry that this process judges
 
@@ -97,6 +103,8 @@ class Entry(Controller):
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
         self.spent = 0.0  # processor time of the last torque, by the entry [s]
+        self.calls, self.cut = 0, np.zeros(len(drives))
+        """Calls, and for each plant how many gave a torque beyond the motor's."""
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         self._process.ask("reset", self._key, where)
@@ -111,12 +119,18 @@ class Entry(Controller):
             raise CableError(
                 f"controller {self.name!r} did not answer with torques."
             ) from None
-        return limit_torques(torque, self._drives)
+        limited = limit_torques(torque, self._drives)
+        beyond = np.abs(torque) > np.abs(limited)
+        if beyond.size % self.cut.size == 0:  # else it is refused
+            self.cut += beyond.reshape(self.cut.size, -1).any(axis=1)
+            self.calls += 1
+        return limited
 
 
 class _Process:
     def __init__(self, name: str) -> None:
         self._name = name
+        self._due = math.inf  # time on the monotonic clock when an answer is too late
         self.files: dict[str, str] = {}
         program = (
             f"import sys; sys.path[:] = {[place for place in sys.path if place]!r}; "
@@ -129,6 +143,16 @@ class _Process:
             start_new_session=True,  # an interruption is the judge's alone
         )
         atexit.register(self.end)
+        threading.Thread(target=self._end_when_due, daemon=True).start()
+
+    def _end_when_due(self) -> None:
+        while self.process.poll() is None:
+            time.sleep(0.5)
+            if time.monotonic() > self._due:
+                if hasattr(signal, "SIGUSR1"):  # prints where it is
+                    self.process.send_signal(signal.SIGUSR1)
+                    time.sleep(0.5)
+                self.process.kill()
 
     def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:
         """Create a controller in the process; return its key for later requests."""
@@ -142,12 +166,22 @@ class _Process:
     def ask(self, what: str, key: int, about: Any) -> bytes:
         """Return the answer to a request; raise `CableError` if the process fails."""
         assert self.process.stdin is not None and self.process.stdout is not None
+        begun = time.monotonic()
+        self._due = begun + ANSWER_TIME
         try:
             _send(self.process.stdin, pickle.dumps((what, key, about)))
             answer = _receive(self.process.stdout)
+            self._due = math.inf
         except (OSError, EOFError):
             self.end()
             code = self.process.returncode
+            if time.monotonic() > self._due:
+                called = "its function" if what == "make" else f"`{what}`"
+                where = f" in {', '.join(self.files)}" if self.files else ""
+                raise CableError(
+                    f"controller {self._name!r} hangs{where}: {called} did not return "
+                    f"within {ANSWER_TIME:g} s."
+                ) from None
             raise CableError(
                 f"controller {self._name!r} ended its process, with exit code {code}."
             ) from None
@@ -176,6 +210,9 @@ def _end_with_parent() -> None:
 
 
 def serve() -> None:
+    if hasattr(signal, "SIGUSR1"):
+        faulthandler.register(signal.SIGUSR1)
+    registry.External.limits = False  # the judge counts what it cuts
     threading.Thread(target=_end_with_parent, daemon=True).start()
     questions = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")

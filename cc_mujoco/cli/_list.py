@@ -71,7 +71,9 @@ class Listing:
             device = find_device(self.word)
             _print_meanings({"devices": {self.word: _plays(device)}} | _parts(device))
         else:
-            _print_meanings(_matching(groups, self.word))
+            owner, _, name = self.word.rpartition(".")
+            is_owned = owner and name in groups["variables"]
+            _print_meanings(_matching(groups, name if is_owned else self.word))
 
 
 def _groups() -> dict[str, Mapping[str, str]]:
@@ -91,7 +93,10 @@ def _groups() -> dict[str, Mapping[str, str]]:
         },
         "position-controllers": _summaries(POSITION_CONTROLLERS),
         "effects": {name: effect.title for name, effect in EFFECTS.items()},
-        "variables": _with_units(VARIABLES),
+        "variables": {
+            **_with_units(VARIABLES),
+            "OWNER.NAME": "Variable of one cable or axis alone, as `flexor.friction`.",
+        },
         "materials": {
             name: f"{material.meaning}; friction {material.friction.low:.2g} to "
             f"{material.friction.high:.2g}, typically {material.friction.typical:.2g}"

@@ -100,6 +100,9 @@ class External(Controller):
     `make` creates the function anew before every episode.
     """
 
+    limits = True
+    """False in a process whose host applies the limits."""
+
     def __init__(
         self,
         drive: Drive | tuple[Drive, ...],
@@ -138,7 +141,8 @@ class External(Controller):
                 f"controller {self.name!r} gave {torque!r}; it must be a torque in N m."
             )
         # Infinity is a division by zero, not a request for the motor's largest torque.
-        return self.limited(np.where(np.isfinite(given), given, np.nan)[()])
+        finite = np.where(np.isfinite(given), given, np.nan)[()]
+        return self.limited(finite) if self.limits else finite
 
 
 class AxesController(Controller):

@@ -115,12 +115,23 @@ def find(
     has the cables of each axis, `among` the known variables; errors call one a `kind`.
     """
     owner, own = split(name)
+    if own in ("safe_torque", "safe_speed", "safe_power"):
+        raise CableError(
+            f"{name!r} is no {kind} but a key of [axis] in the description of the "
+            "device; write it there."
+        )
     if own not in among:
-        raise CableError.unknown(kind, name, among)
+        error = CableError.unknown(kind, name, among)
+        raise CableError(f"{error} `cc-mujoco list variables` shows all.")
     if owner is None:
         return among[own]
     of_axis = own in _OF["axis"]  # two motors may differ in it
     owners = (*axes,) if of_axis else (*cables, *axes)
+    if of_axis and owner in cables:
+        raise CableError(
+            f"unknown axis {owner!r}: it is a cable, and {kind} {own!r} is of an axis; "
+            f"write {' or '.join(f'{axis}.{own}' for axis in axes)}."
+        )
     if owner not in owners:
         raise CableError.unknown("axis" if of_axis else "cable or axis", owner, owners)
     if not of_axis and own not in OF_CABLES:

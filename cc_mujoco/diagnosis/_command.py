@@ -180,7 +180,13 @@ def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...
     from cc_mujoco.device._device_files import is_device_file
 
     first, rest = (words[0], words[1:]) if words else (None, ())
-    named = first is not None and not first.exists() and str(first) in SCENES
+    named = first is not None and str(first) in SCENES
+    if named and first is not None and first.exists():
+        print(
+            f"{first} is taken for the built-in scene, not for the {first} here; data "
+            "follow the scene",
+            file=sys.stderr,
+        )
     if first is not None and (named or is_device_file(first)):
         return first, tuple(rest)
     return None, tuple(words)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco.assets import SCENES
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._trials import Dataset
@@ -74,7 +75,8 @@ def diagnose(
             folder with the scene, with the diagnosis of other data or with other files
             that would be replaced.
     """
-    if not isinstance(scene, str | os.PathLike) or Path(scene).is_dir():
+    named = isinstance(scene, str | os.PathLike)
+    if not named or (Path(scene).is_dir() and str(scene) not in SCENES):
         raise CableError(
             "diagnose takes the scene first: diagnose(scene, data, out), with an MJCF "
             f"file or a name, not {scene!r}."

@@ -30,6 +30,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco._mujoco_import import OLDEST_MUJOCO, supports_plugin
 from cc_mujoco.errors import CableError
 
 PACKAGE = Path(__file__).parents[1]
@@ -313,6 +314,12 @@ def compiler() -> list[str]:
 
 def build_library(place: Path) -> Path:
     """Compile the library of this package in a folder; return its path."""
+    if not supports_plugin():
+        oldest = ".".join(map(str, OLDEST_MUJOCO))
+        raise NativeLibraryError(
+            f"cc_mujoco needs mujoco {oldest} or newer to compile its native library: "
+            "`pip install --upgrade mujoco`, or install a wheel, which has it."
+        )
     source, stamp = place / "cc_mujoco.c", place / "stamp.c"
     head = Path(__file__).with_name("native.h").read_text()
     stamp.write_text("\n".join([head, *identity(), ""]))

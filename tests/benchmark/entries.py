@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import os
+import time
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,23 @@ def wide(drive: Any) -> Any:
 def curious(drive: Any) -> Any:
     """Return a controller that reads what nobody measures."""
     return lambda seen: seen["tension_flexor_distal_n"]
+
+
+def strong(drive: Any) -> Any:
+    """Return a controller of which each second torque is beyond every motor."""
+    torques = itertools.cycle((0.0, 1e6))
+    return lambda seen: np.full_like(seen["joint_torque_nm"], next(torques))
+
+
+def endless(drive: Any) -> Any:
+    """Return a controller that never gives a torque."""
+    return lambda seen: next(n for n in itertools.count() if n < 0)
+
+
+def unmade(drive: Any) -> Any:
+    """Return no controller, ever."""
+    while True:
+        time.sleep(1.0)
 
 
 def ending(drive: Any) -> Any:

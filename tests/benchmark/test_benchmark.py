@@ -20,6 +20,7 @@ from cc_mujoco.benchmark import (
     Cell,
     Condition,
     _runner,
+    _user_entry,
     all_tables,
     batch_groups,
     play,
@@ -27,9 +28,11 @@ from cc_mujoco.benchmark import (
     run,
 )
 from cc_mujoco.benchmark import _page as drawing
+from cc_mujoco.benchmark._cell import CUT_SHARE
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
 from cc_mujoco.benchmark._page import CAPTIONS, pareto, write
 from cc_mujoco.benchmark._plant import sample_plants
+from cc_mujoco.benchmark._report import cut_sentences
 from cc_mujoco.benchmark._results import by_device, read_results
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
@@ -271,6 +274,28 @@ def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() 
     ):
         with pytest.raises(CableError, match=why):
             play(dataclasses.replace(short, controller=f"benchmark.entries:{name}"))
+
+
+def test_a_report_says_what_share_of_torques_was_cut() -> None:
+    cell = Cell(USUAL, "benchmark.entries:strong", (0, 1))
+    result = play(cell)
+    assert result.plants[CUT_SHARE] == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert CUT_SHARE not in play(dataclasses.replace(cell, controller="pi")).plants
+    (sentence,) = cut_sentences([(cell, result)])
+    assert "entries:strong` commanded more than the motor gives in 50 %" in sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [("endless", "`torque`"), ("unmade", "its function")]
+)
+def test_an_entry_that_hangs_is_named(
+    name: str, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = Cell(USUAL, f"benchmark.entries:{name}", (0,))
+    play(dataclasses.replace(cell, controller="benchmark.entries:strong"))
+    monkeypatch.setattr(_user_entry, "ANSWER_TIME", 5.0)
+    with pytest.raises(CableError, match=rf"{name}' hangs.*{what} did not return"):
+        play(cell)
 
 
 @pytest.mark.filterwarnings("error")

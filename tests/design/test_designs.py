@@ -145,7 +145,10 @@ def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:
         ("motor_radius", "0", "(0, 10] m"),
         ("frictoin", "1", "did you mean 'friction'"),
         ("flexer.friction", "0.1", "did you mean 'flexor'"),
-        ("flexor.motor_torque", "1", "unknown axis 'flexor'"),
+        ("flexor.motor_torque", "1", "unknown axis 'flexor': it is a cable"),
+        ("elbow.motor_torque", "1", "Available: wrist."),
+        ("safe_torque", "1", "but a key of [axis] in the description"),
+        ("frictoin", "1", "`cc-mujoco list variables` shows all"),
     ],
 )
 def test_what_is_no_range_is_one_sentence(name: str, text: str, wrong: str) -> None:

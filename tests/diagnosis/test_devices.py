@@ -11,10 +11,12 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.control import axes_controller
 from cc_mujoco.datasets import Bench
+from cc_mujoco.device import Device
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._report import output
-from cc_mujoco.diagnosis._report.output import Earlier
+from cc_mujoco.diagnosis._report.output import Earlier, carry_description
+from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     DrivenAxis,
     Limits,
@@ -72,6 +74,32 @@ def test_the_command_takes_the_scene_first_and_asks_for_the_axis(
     assert "no scene given; name it first" in capsys.readouterr().err
     assert cli.main(["diagnose", scene, "--out", str(tmp_path / "out")]) == 2
     assert "no data given" in capsys.readouterr().err
+
+
+def test_a_folder_does_not_hide_the_scene_of_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wrist").mkdir()
+    assert cli.main(["diagnose", "wrist", "--out", "out"]) == 2
+    said = capsys.readouterr().err
+    assert "wrist is taken for the built-in scene" in said and "no data given" in said
+    with pytest.raises(CableError, match="no data"):
+        diagnose(Path("wrist"), (), "out")
+
+
+def test_a_repaired_scene_keeps_the_limits_of_the_description(tmp_path: Path) -> None:
+    scene = written(tmp_path, KNEE)
+    scene.with_suffix(".device.toml").write_text("[axis]\nsafe_torque = 7.5\n")
+    repaired = tmp_path / "out" / "scene.xml"
+    repaired.parent.mkdir()
+    repaired.write_text(scene.read_text())
+    carry_description(scene, repaired)
+    assert Device(repaired).description.axis().safe_torque == 7.5
+    own = repaired.with_suffix(".device.toml")
+    own.write_text("mine")
+    carry_description(scene, repaired)
+    assert own.read_text() == "mine"
 
 
 @pytest.mark.study

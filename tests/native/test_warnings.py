@@ -1,4 +1,4 @@
-"""The library's source in C compiles without a warning."""
+"""The library's source in C compiles without a warning, on a MuJoCo that is new."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from cc_mujoco.native._library import FLAGS, library, write_source
+from cc_mujoco.native import _library
+from cc_mujoco.native._library import (
+    FLAGS,
+    NativeLibraryError,
+    build_library,
+    library,
+    write_source,
+)
 
 WARNINGS = (
     "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wvla", "-Werror",
@@ -30,6 +37,15 @@ def compiled(source: Path, *command: str) -> str:
         [*command, *FLAGS, *WARNINGS, str(source)], capture_output=True, text=True
     )
     return done.stderr if done.returncode else ""
+
+
+def test_an_old_mujoco_is_named_before_anything_is_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_library, "supports_plugin", lambda: False)
+    with pytest.raises(NativeLibraryError, match=r"mujoco 3\.17 or newer to compile"):
+        build_library(tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,10 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._folders import MOTION_FILE, data_files, find_dataset_file
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Dataset
+from cc_mujoco.device import load_device
+from cc_mujoco.device._description import ENDING
+from cc_mujoco.device._device_files import locate
+from cc_mujoco.device._report import write_description
 from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
@@ -43,7 +48,7 @@ from cc_mujoco.diagnosis._scene.repair import write as write_scene
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import save, style
@@ -349,6 +354,8 @@ def write(
             there = {file.name for file in place.iterdir()}
     except CableError as error:
         raise CableError(f"{error} The verdict is in {out / VERDICT_FILE}.") from error
+    if SCENE_FILE in there:
+        carry_description(bench.path, out / SCENE_FILE)
     planned = diagnosis.next_experiment
     if result.motion is not None and planned is not None:
         write_proposed(out / planned.folder, planned, result.motion, dataset.path)
@@ -404,6 +411,20 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
     sizes = f"{difference:.2g} N m RMS, with torques of {size:.2g} N m RMS."
     played = f"scene.xml, played by MuJoCo along the first seconds of {trial}, "
     return [*statements, f"{played}differs from the replay by {sizes}"]
+
+
+def carry_description(scene: Path, repaired: Path) -> None:
+    """Write the description that a scene has beside the repaired one, if none is there.
+
+    Without it the repaired scene would have other limits, such as its safe torque.
+    """
+    beside = repaired.with_suffix(ENDING)
+    if locate(scene)[2] is None or beside.exists():
+        return
+    try:
+        write_description(load_device(scene).variant(repaired), beside)
+    except CableError as error:
+        warnings.warn(f"{beside} is not written: {error}", CableWarning, stacklevel=2)
 
 
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:

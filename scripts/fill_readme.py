@@ -1,6 +1,6 @@
 r"""Put tables of the package, claims and both benchmarks beside or into their pages.
 
-    python scripts/diagnosis_study/diagnose_benchmark.py --bic --out runs/sealed
+    python scripts/diagnosis_study/diagnose_benchmark.py ...   # see `validation.md`
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import csv
 import re
-import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,10 +33,6 @@ from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.report import table
 from thesis._outcome import CLAIM_FILE, claims_of
 from thesis.reproduce import EXPERIMENTS, run
-
-sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
-
-from diagnose_benchmark import LAST
 
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
@@ -203,13 +198,11 @@ def played(folder: Path, seeds: int | None) -> benchmark.Results:
 
 
 def studies(folder: Path) -> str:
-    """Return the Markdown of the last study, without folded parts and ties."""
-    path = folder / f"{LAST}.md"
+    """Return the Markdown of a study, without folded parts."""
+    path = folder / "table.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
-    shown = path.read_text(encoding="utf-8").partition("<details>")[0].strip()
-    parts = [part for part in shown.split("\n\n") if not part.startswith("| tie")]
-    return "\n\n".join(parts)
+    return path.read_text(encoding="utf-8").partition("<details>")[0].strip()
 
 
 def between(page: str, name: str) -> str:

@@ -1,36 +1,43 @@
-"""Benchmark of `cc-mujoco diagnose`, on rigs in which an effect is hidden.
+"""Benchmark of `cc-mujoco diagnose`, on rigs in which something is hidden.
 
-    python scripts/diagnosis_study/diagnose_benchmark.py --strength 2 4 --out runs/b
+    python scripts/diagnosis_study/diagnose_benchmark.py --effects named \
+        --strength 4 2 --makes guides elements --first 21000 --out runs/loop
 
-Rigs, motions and sensors come from `rig`, which shares no code with the package;
-`--make guides` and `--make elements` are rigs by other equations.
-Every case is generated, written to files, diagnosed from these as the command does, and
-only then compared with its label. Studies draw from disjoint seeds: `development` and
-`calibration` were used to set thresholds, `final` only to measure, once; what followed
-from it was measured on `second`, and so on: changes are measured on rigs that had not
-led to them. Cases that are done are kept; the table is written anew after each.
+Rigs, motions and sensors come from `rig`, which shares no code with the package. Every
+case is generated, written to files, diagnosed from these as the command does, and only
+then compared with its label. `--protocol` selects the first trials: `bare`, motions
+only, or `standard`, also the rig turned, its cables off, and known weights. If the
+verdict proposes a trial, its folder (`next_trial_NN`) is written, the rig plays the
+motion of that folder under the facts of its `dataset.toml`, and all trials are
+diagnosed again: until no trial is proposed, or `--proposals` have been recorded.
 
-With `--bic` every case is also named in the simpler way of `bic`, from the same tuned
-baseline. A case that was done without keeps its record.
+Thresholds were set on seeds below 4000; what followed from a study was measured on
+seeds that had not led to it. `cases.jsonl` has a record of each case; those that have
+one are not repeated. A rig keeps its seed over strengths and protocols. With `--bic`
+every case is also named in the simpler way of `bic`, from the same tuned baseline.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from kept_cases import Lines
-from tqdm import tqdm
+from kept_cases import Lines, keep
+from rare_effects import RARE, SESSIONS, session_of
 
-from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco._utils.command_options import progress_options
+from cc_mujoco.assets import scene_path
+from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import (
     EFFECTS,
     BaselineFit,
@@ -38,30 +45,229 @@ from cc_mujoco.diagnosis import (
     DiagnosisResult,
     Problem,
     fit,
+    infer,
     overall_share,
     screen,
 )
+from cc_mujoco.diagnosis._report.output import write_proposed
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware._references import read_plan
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import table
+from rig.dataset import clean_dataset, make_dataset
+from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
+from rig.sensors import BASIC, logged
 from rig.strength import calibrate, measure
+from rig.trials import Trial, asked
+
+if TYPE_CHECKING:
+    from cc_mujoco.hardware._references import Planned
 
 Record = dict[str, Any]
+KEYS = "make", "protocol", "hidden", "strength", "seed"  # what tells a case
+MAX_PROPOSED = 2  # proposed trials that are recorded at most
+STATIC = (
+    "joint_gravity", "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
+    "asymmetric_friction",
+)  # fmt: skip
+"""Effects that motions alone cannot separate."""
+NEWER = ("joint_friction",)
+"""Effects that come last, so that those of earlier studies keep their seeds."""
+PAIRS = (
+    "viscous_friction+backlash", "viscous_friction+joint_gravity",
+    "load_independent_friction+motor_inertia", "stribeck_friction+viscous_friction",
+    "asymmetric_friction+joint_stiffness", "pulley_eccentricity+viscous_friction",
+)  # fmt: skip
+CELLS = {
+    f"tension_{cable}_{end}_n": f"tension_{letter}_{end}"
+    for cable, letter in (("agonist", "a"), ("antagonist", "b"))
+    for end in ("proximal", "distal")
+}
+"""Channels of the rig by those of load cells in the scene `bench`."""
+ODDS_BANDS = (0.0, 0.7, 0.85, 0.92, 1.01)
+"""Limits of the bands of stated probability in which verdicts are counted."""
+COLUMNS = ("tie", "half", "missed", "wrong")
+"""Words for diagnoses that are not right, see `judged`."""
 
-STUDIES = {
-    "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
-    "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000, "seventh": 9000,
-    "eighth": 10000, "ninth": 11000, "tenth": 12000,
-    "eleventh": 13000, "twelfth": 14000, "thirteenth": 15000,
-    "fourteenth": 16000, "fifteenth": 17000,
-}  # fmt: skip
-"""First seed of every study, in the order in which they were run."""
-LAST = "fourteenth"
-"""The last that was run whole, which the page of the diagnosis shows."""
-SHOWN = 1.5
-"""Error over the floor that effect-free rigs stay below: beyond it, something shows."""
+
+class Case(NamedTuple):
+    """A rig to be diagnosed; the fields are `KEYS` of its record."""
+
+    make: str
+    protocol: str
+    hidden: str
+    strength: float
+    seed: int
+
+    @property
+    def kind(self) -> str:
+        if self.hidden in SESSIONS:
+            return "rare"
+        if self.hidden == "none":
+            return "none"
+        if "+" in self.hidden:
+            return "pair"
+        return "unknown" if self.hidden in MAKES[self.make].unknown else "named"
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        return () if "none" in self.hidden else tuple(self.hidden.split("+"))
+
+
+class Step(NamedTuple):
+    """One diagnosis, its time [s], and the trial that it proposes ("" for none)."""
+
+    result: DiagnosisResult
+    proposed: str
+    seconds: float
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The `Diagnosis` of the result."""
+        return self.result.diagnosis
+
+
+def loop(
+    rig: Rig,
+    amounts: Mapping[str, float],
+    data: list[dict[str, FloatArray]],
+    facts: str,
+    folder: Path,
+    proposals: int = MAX_PROPOSED,
+    ids: Sequence[str] = (),
+) -> list[Step]:
+    """Diagnose trials of a rig, record up to `proposals` proposed ones, and again."""
+    bench = Bench.of(scene_path("bench"))
+    steps: list[Step] = []
+    while True:
+        place = folder / f"data_{len(steps)}"
+        write_data(place, data, facts, "%.7g" if ids else "")
+        begin = time.perf_counter()
+        result, _ = infer(bench, [place], effects=ids)
+        spent = time.perf_counter() - begin
+        planned, motion = result.diagnosis.next_experiment, result.motion
+        steps.append(Step(result, planned.description if planned else "", spent))
+        if planned is None or motion is None or len(steps) > proposals:
+            return steps
+        plan = folder / planned.folder
+        write_proposed(plan, planned, motion, str(place / "dataset.toml"))
+        trial, cell, facts = planned_trial(plan)
+        names = (*BASIC, CELLS[cell]) if cell else BASIC
+        (more,) = clean_dataset(rig, amounts, [trial], rig.seed, names)
+        key = [rig.seed, rig.seed, len(data)]
+        columns = logged(more, MAKES[rig.make].chain_of(rig), names, key)
+        if cell:
+            columns[cell] = columns.pop(f"{CELLS[cell]}_n")
+        data.append(columns)
+
+
+def planned_trial(plan: Path) -> tuple[Trial, str, str]:
+    """Return the trial of a folder `next_trial_NN`, its load cell, and its facts."""
+    (planned,) = read_plan(plan)
+    text = (plan / "dataset.toml").read_text(encoding="utf-8")
+    known = tomllib.loads(text)["trials"][planned.name]
+    return trial_of(planned, known), known.get("load_cell", ""), text
+
+
+def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
+    """Return the rig's trial for a planned one, with its facts of `dataset.toml`."""
+    time = np.arange(0.0, planned.times[-1], 1e-3)
+    motor = np.interp(time, planned.times, planned.motor)
+    joint = np.interp(time, planned.times, planned.joint)
+    load = "human"
+    if known.get("locked") == "joint":
+        load = "locked"
+    elif planned.notes.startswith(("joint free", "joint pulled")):
+        load = "free"
+    usual = NOMINAL["pretension_n"]
+    return dataclasses.replace(
+        asked(motor, joint, load),
+        tightness=known.get("pretension", usual) / usual,
+        unhooked=known.get("unhooked", False),
+        tilt=known.get("tilt", 0.0),
+        known_torques=(
+            known.get("known_motor_torque", 0.0),
+            known.get("known_joint_torque", 0.0),
+        ),
+        swapped=known.get("swapped", False),
+    )
+
+
+def run(case: Case, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Record:
+    """Generate, diagnose and record a case; with `with_bic` also name it by BIC."""
+    rig = make_rig(case.seed, make=case.make)
+    trials = MAKES[rig.make].trials(rig)
+    recorded = f"{trials}_standard" if case.protocol == "standard" else trials
+    amounts: dict[str, float] = {}
+    if case.kind == "rare":
+        data, facts = session_of(case.hidden, rig)
+        proposals = 0
+    else:
+        for name in case.effects:
+            size = calibrate(rig, name, case.strength, trials, case.seed)
+            amounts[name] = size
+        data = make_dataset(rig, amounts, recorded, case.seed)
+        facts = facts_of(recorded, case.seed)
+    ids = RARE if case.kind == "rare" else ()
+    with tempfile.TemporaryDirectory() as folder:
+        steps = loop(rig, amounts, data, facts, Path(folder), proposals, ids)
+    first, truth = steps[0], truth_of(rig)
+    fitted, found = first.result.baseline_fit, first.diagnosis
+    beliefs = [step.diagnosis.belief for step in steps]
+    record = {
+        **case._asdict(),
+        "kind": case.kind,
+        "effects": case.effects,
+        "amounts": list(amounts.values()),
+        "reached": measure(rig, amounts, trials, case.seed).refit if amounts else 0.0,
+        "trials": recorded,
+        "misfit": fitted.crossed.misfit if fitted else math.nan,
+        "steps": [judgement(step.diagnosis) for step in steps],
+        "proposed": [step.proposed for step in steps],
+        "odds": [belief.probability if belief else None for belief in beliefs],
+        "closed": overall_share(found.gap) if found.gap else math.nan,
+        "intervals": {
+            name: [value.value, *value.ci95, truth[name]]
+            for name, value in found.baseline.parameters.items()
+            if name in truth
+        },
+        "seconds": first.seconds,
+    }
+    if with_bic and fitted is not None:
+        record["bic"] = bic(fitted)._asdict()
+    return record
+
+
+def truth_of(rig: Rig) -> dict[str, float]:
+    """Return the true parameters of a rig in terms of the baseline's lumped scene."""
+    # A shaft that twists is soft in series with both cables.
+    shaft = MAKES[rig.make].plant_of(rig).bench.shaft
+    pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
+    return {
+        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
+        "pretension": rig.pretension,
+        # The scene's wrap is taken for granted, so friction is scaled by the rest.
+        "friction": 0.5
+        * (rig.friction_a + rig.friction_b)
+        * rig.wrap
+        / NOMINAL["wrap_angle_rad"],
+    }
+
+
+def judgement(diagnosis: Diagnosis) -> Record:
+    return {
+        "verdict": diagnosis.verdict,
+        "named": [effect.id for effect in diagnosis.missing],
+        "ties": [list(tie) for tie in diagnosis.ties],
+        "values": {
+            name: [value.value, *value.ci95]
+            for effect in diagnosis.missing
+            for name, value in effect.parameters.items()
+        },
+        "said": diagnosis.statement,
+    }
 
 
 def judged(
@@ -99,216 +305,212 @@ def judged(
     return "missed" if not named else "wrong"
 
 
-def went(record: Record) -> str:
-    """Return how the diagnosis of a record went, see `judged`."""
-    names = ("kind", "hidden", "verdict", "named", "ties")
-    return judged(**{name: record[name] for name in names})
+def word_of(record: Record, step: int) -> str:
+    """Return how the diagnosis of number `step` went, see `judged`."""
+    found, kind = record["steps"][step], record["kind"]
+    kind = {"rare": "named" if record["effects"] else "none"}.get(kind, kind)
+    return judged(
+        kind, record["effects"], found["verdict"], found["named"], found["ties"]
+    )
 
 
-def is_right(record: Record) -> bool:
+def is_right(record: Record, step: int) -> bool:
     """Return whether a verdict is right in the sense of the odds that it states.
 
     Names are right if they are all that is hidden, a tie if one of its effects is.
     """
-    hidden, verdict = set(record["hidden"]), record["verdict"]
-    if verdict == "tie":
-        return any(hidden & set(tie) for tie in record["ties"])
-    if record["kind"] in ("named", "pair"):
-        return verdict == "named" and hidden == set(record["named"])
-    return bool(verdict == record["kind"])
+    found, hidden = record["steps"][step], set(record["effects"])
+    if found["verdict"] == "tie":
+        return any(hidden & set(tie) for tie in found["ties"])
+    if record["kind"] in ("none", "unknown"):
+        return bool(found["verdict"] == record["kind"])
+    return found["verdict"] == "named" and hidden == set(found["named"])
 
 
-def verdict_rates(records: list[Record]) -> list[list[str]]:
-    """Return rows (verdict, times given, share right), for `STUDIED` of `_judge`."""
-    found = []
-    for verdict in ("named", "none", "tie", "unknown"):
-        right = [is_right(r) for r in records if r["verdict"] == verdict]
-        if right:
-            share = (
-                f"{_share(sum(right), len(right))} ({exact(sum(right), len(right))})"
-            )
-            found.append([verdict, str(len(right)), share])
-    return found
+def is_alone(record: Record) -> bool:
+    """Return whether the last verdict is right and names nothing else."""
+    named = set(record["steps"][-1]["named"])
+    alone = record["kind"] in ("none", "unknown") or named == set(record["effects"])
+    return word_of(record, -1) == "right" and alone
 
 
-def summary(records: list[Record]) -> str:
-    """Return a study's results as Markdown; pages take the text above the first fold.
+def end_of(record: Record) -> str:
+    """Return the end of a loop: its verdict, "undecidable" or "open".
 
-    Rates by kind and figures come first; rates by make and strength, and all cases, are
-    folded.
+    A tie is undecidable if no trial of the catalogue would settle it, and open if one
+    more is proposed than may be recorded.
     """
-    columns = {
-        "right": "right", "in a tie": "tie", "one of two": "half",
-        "missed": "missed", "wrong": "wrong",
-    }  # fmt: skip
-    kinds = [
-        kind
-        for kind in ("named", "pair", "unknown", "none")
-        if any(r["kind"] == kind for r in records)
-    ]
-    whole, rates = [], []
-    for kind in kinds:
-        by_size: dict[tuple[str, str], list[str]] = {}
-        for r in sorted(records, key=lambda r: (r["make"], r["strength"])):
-            if r["kind"] == kind:
-                size = "-" if kind == "none" else f"{r['strength']:g}"
-                by_size.setdefault((r["make"], size), []).append(went(r))
-        every = [word for words in by_size.values() for word in words]
-        whole.append([kind, *_shares(every, columns.values())])
-        for (make, size), words in by_size.items():
-            rates.append([kind, make, size, *_shares(words, columns.values())])
-    head: Sequence[str] = ("cases", *columns)
-    parts = [table(("hidden", *head), whole), *_figures(records)]
-    if any("bic" in r for r in records):
-        parts.append(comparison(records, went))
-    parts += [
-        "<details><summary>By verdict, rigs and strength</summary>",
-        table(("verdict", "given", "right"), verdict_rates(records)),
-        table(("hidden", "rigs", "R", *head), rates),
-        "</details>",
-    ]
-    cases = []
-    for r in sorted(records, key=lambda record: record["seed"]):
-        hidden = ", ".join(r["hidden"]) or "none"
-        ties = "; ".join(", ".join(tie) for tie in r["ties"])
-        cases.append(
-            (
-                hidden, r["make"], f"{r['strength']:g}", f"{r['reached']:.1f}",
-                _number(r.get("misfit", math.nan), 1), r["verdict"],
-                ", ".join(r["named"]) or "-", ties or "-",
-                _number(r.get("closed", math.nan), 2),
-            )
-        )  # fmt: skip
+    last = record["steps"][-1]
+    if last["verdict"] != "tie" and not last["ties"]:
+        return str(last["verdict"])
+    return "open" if record["proposed"][-1] else "undecidable"
+
+
+def cases(
+    hidden: Sequence[str],
+    makes: Sequence[str],
+    strengths: Sequence[float],
+    protocols: Sequence[str],
+    first: int,
+    rounds: int,
+) -> Iterator[Case]:
+    """Yield all cases, alternating between makes so that any part is balanced.
+
+    Every hidden effect and round has a seed of its own.
+    """
+    for turn in range(rounds):
+        for shift in range(len(makes)):
+            for place, name in enumerate(hidden):
+                make = makes[(place + shift) % len(makes)]
+                known = {"none", *SESSIONS, *MAKES[make].effects}
+                if not set(name.split("+")) <= known:
+                    continue
+                rare = name in SESSIONS
+                seed = first + turn if rare else first + 100 * turn + place
+                fixed = rare or name == "none"
+                for strength in (0.0,) if fixed else strengths:
+                    for protocol in protocols:
+                        yield Case(make, protocol, name, strength, seed)
+
+
+def summary(records: Sequence[Record]) -> str:
+    """Return a study's results as Markdown; pages take the text above the fold."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for r in records:
+        size = f"{r['strength']:g}" if r["strength"] else "-"
+        groups.setdefault((r["protocol"], r["kind"], size), []).append(r)
+    rates = []
+    for key, own in sorted(groups.items()):
+        rates.append(_rates(key, own))
+        if guessed := [_guessed(r) for r in own if "bic" in r]:
+            by_bic = key[0], f"{key[1]}, by the lowest BIC", key[2]
+            rates.append(_rates(by_bic, guessed))
     head = (
-        "hidden", "rigs", "R", "reached", "error", "verdict", "named", "ties",
-        "gap closed",
+        "recorded first", "hidden", "R", "rigs", "right at once", "right and alone",
+        "in a tie", "one of two", "missed", "wrong",
     )  # fmt: skip
-    parts += [
-        "<details><summary>Every case: what was hidden, what was said</summary>",
-        table(head, cases),
-        "</details>",
-    ]
-    return "\n\n".join(parts) + "\n"
+    verdicts = []
+    for verdict in ("named", "none", "tie", "unknown"):
+        given = [is_right(r, 0) for r in records if _first(r) == verdict]
+        if given:
+            share = f"{np.mean(given):.0%} ({exact(given)})"
+            verdicts.append([verdict, str(len(given)), share])
+    failed = []
+    for r in records:
+        if not is_alone(r):
+            parts = ("verdict", "named", "ties")
+            said = ["; ".join(str(each[part]) for each in r["steps"]) for part in parts]
+            which = [str(r[key]) for key in KEYS]
+            failed.append([*which, *said, "; ".join(r["proposed"]), end_of(r)])
+    return "\n\n".join(
+        [
+            table(head, rates),
+            *_figures(records),
+            table(("odds", "verdicts", "mean", "right"), calibration(records)),
+            "<details><summary>By verdict, and what was not right and alone</summary>",
+            table(("verdict", "given", "right"), verdicts),
+            table((*KEYS, "verdicts", "named", "ties", "proposed", "end"), failed),
+            "</details>\n",
+        ]
+    )
 
 
-def _shares(words: Sequence[str], wanted: Iterable[str]) -> list[str]:
-    """Return the number of cases, and of each word, the first with its interval."""
-    whole = len(words)
-    found = [_share(words.count(word), whole) for word in wanted]
-    right = f"{found[0]} ({exact(words.count('right'), whole)})"
-    return [str(whole), right, *found[1:]]
+def _rates(key: Sequence[str], own: Sequence[Record]) -> list[str]:
+    words = [word_of(r, -1) for r in own]
+    once = [word_of(r, 0) for r in own].count("right")
+    alone = f"{sum(map(is_alone, own))} ({exact(map(is_alone, own))} %)"
+    counts = (words.count(word) for word in COLUMNS)
+    return [*key, str(len(own)), str(once), alone, *map(str, counts)]
 
 
-def _share(count: int, whole: int) -> str:
-    return f"{count / whole:.0%}" if whole else "-"
+def _first(record: Record) -> str:
+    return str(record["steps"][0]["verdict"])
 
 
-def exact(count: int, whole: int) -> str:
+def _guessed(record: Record) -> Record:
+    """Return the record of a case as the lowest BIC names it."""
+    named = [record["bic"]["named"]] if record["bic"]["named"] else []
+    found = {"verdict": "named" if named else "none", "named": named, "ties": []}
+    return {**record, "steps": [found]}
+
+
+def exact(right: Iterable[bool]) -> str:
     """Return an exact 95 % interval [%] (Clopper, Pearson, Biometrika 26, 1934)."""
     from scipy.stats import binomtest
 
-    low, high = binomtest(count, whole).proportion_ci(method="exact")
+    found = list(right)
+    low, high = binomtest(sum(found), len(found)).proportion_ci(method="exact")
     return f"{100 * low:.0f} to {100 * high:.0f}"
 
 
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def _figures(records: list[Record]) -> list[str]:
-    """Return sentences: the gap, what intervals cover, how long it took."""
-    found = _strengths(records)
-    right = [r for r in records if r["kind"] == "named" and went(r) == "right"]
-    if right:
-        closed: dict[float, list[float]] = {}
-        for r in sorted(right, key=lambda record: record["strength"]):
-            closed.setdefault(r["strength"], []).append(r["closed"])
-        shares = [
-            f"{np.nanmedian(each):.2f} at R = {size:g} ({len(each)})"
-            for size, each in closed.items()
-        ]
-        found.append(f"Median gap closed: {', '.join(shares)}.")
-    shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
-    if shown:
-        words = [went(r) for r in shown]
-        found.append(
-            f"Single effects at which the tuned baseline is more than {SHOWN:g} times "
-            f"the floor off: {len(shown)}, of which right "
-            f"{words.count('right') / len(words):.0%}, right or in a tie "
-            f"{(words.count('right') + words.count('tie')) / len(words):.0%}."
-        )
-    tied = [r for r in records if r.get("settled")]
-    if tied:
-        single = [r for r in tied if r["kind"] == "named"]
-        found.append(
-            f"Ties: {len(tied)}; with the proposed experiment done as well, what was "
-            f"hidden was named and no longer tied in {sum(map(_well, tied))}; of the "
-            f"{len(single)} of single effects in {sum(map(_well, single))}."
-        )
-    more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
-    if more:
-        found.append(
-            "Rightly named cases in which another effect was named as well: "
-            f"{sum(count > 0 for count in more)} of {len(more)}."
-        )
-    for make in dict.fromkeys(r["make"] for r in records):
-        given = [
-            r["intervals"] for r in records if r["make"] == make and r.get("intervals")
-        ]
-        shares = []
-        for name in given[0] if given else ():
-            of = [each[name] for each in given]
-            held = sum(low <= true <= high for _, low, high, true in of)
-            shares.append(f"{name} {_share(held, len(of))} ({exact(held, len(of))})")
-        if shares:
-            found.append(
-                f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "
-                f"{', '.join(shares)}."
-            )
-    return found
-
-
-def _well(record: Record) -> bool:
-    """Return whether the proposed experiment settled a tie."""
-    last = record["settled"]
-    return last["verdict"] == "named" and set(record["hidden"]) <= set(last["named"])
-
-
-def _strengths(records: list[Record]) -> list[str]:
-    """Return sentences: what was right by strength, effect-free rigs, times."""
+def _figures(records: Sequence[Record]) -> list[str]:
+    """Return sentences: effect-free rigs, the gap, what intervals cover, times."""
     found = []
-    for kind, what in (("named", "single effects"), ("pair", "pairs")):
-        some = [r for r in records if r["kind"] == kind]
-        sizes = sorted({r["strength"] for r in some})
-        rates = []
-        for size in sizes:
-            words = [went(r) for r in some if r["strength"] == size]
-            right = words.count("right")
-            rates.append(
-                f"{right} of {len(words)} at R = {size:g} ({exact(right, len(words))}%)"
-            )
-        if rates:
-            found.append(f"Right, of {what}: {', '.join(rates)}.")
     free = [r for r in records if r["kind"] == "none"]
     if free:
-        errors = [r.get("misfit", math.nan) for r in free]
-        coarse = sum(r["trials"] == "restful" for r in free)
+        errors = [r["misfit"] for r in free]
+        coarse = sum(r["trials"].startswith("restful") for r in free)
         found.append(
             f"Effect-free rigs are {min(errors):.2f} to {max(errors):.2f} floors off; "
             f"{coarse} of {len(free)} have coarse encoders and long rests."
         )
-    times: dict[str, list[float]] = {}
-    for r in sorted(records, key=lambda record: record["strength"]):
-        size = "none hidden" if r["kind"] == "none" else f"R = {r['strength']:g}"
-        times.setdefault(size, []).append(r["seconds"])
-    if times:
-        by_size = [f"{np.median(each):.0f} s ({size})" for size, each in times.items()]
-        longest = max(records, key=lambda record: record["seconds"])
-        found.append(
-            f"Median time of a diagnosis: {', '.join(by_size)}; longest "
-            f"{longest['seconds']:.0f} s ({', '.join(longest['hidden']) or 'none'}, "
-            f"R = {longest['strength']:g})."
-        )
+    right = [r for r in records if r["kind"] == "named" and word_of(r, 0) == "right"]
+    shares = [
+        f"{np.nanmedian([r['closed'] for r in own]):.2f} at R = {size:g} ({len(own)})"
+        for size, own in _by_strength(right)
+    ]
+    if shares:
+        found.append(f"Median gap closed: {', '.join(shares)}.")
+    times = [
+        f"{np.median([r['seconds'] for r in own]):.0f} s (R = {size:g})"
+        for size, own in _by_strength(records)
+    ]
+    longest = max(records, key=lambda record: record["seconds"])
+    found.append(
+        f"Median time of the first diagnosis: {', '.join(times)}; longest "
+        f"{longest['seconds']:.0f} s ({longest['hidden']}, R = "
+        f"{longest['strength']:g})."
+    )
+    for make in dict.fromkeys(r["make"] for r in records):
+        given = [r["intervals"] for r in records if r["make"] == make]
+        covers = []
+        for name in dict.fromkeys(name for each in given for name in each):
+            of = [each[name] for each in given if name in each]
+            held = [low <= true <= high for _, low, high, true in of]
+            covers.append(f"{name} {sum(held)} of {len(held)} ({exact(held)} %)")
+        if covers:
+            found.append(f"Intervals of 95 % that cover ({make}): {', '.join(covers)}.")
+    return found
+
+
+def _by_strength(records: Sequence[Record]) -> list[tuple[float, list[Record]]]:
+    sizes = sorted({r["strength"] for r in records})
+    return [(size, [r for r in records if r["strength"] == size]) for size in sizes]
+
+
+def calibration(records: Sequence[Record]) -> list[list[str]]:
+    """Return the share of right verdicts in bands of the odds that they stated.
+
+    The last verdict of every rig counts, and the first where a trial followed it.
+    """
+    stated, right = [], []
+    for record in records:
+        for place in {0, len(record["steps"]) - 1}:
+            if (odds := record["odds"][place]) is not None:
+                stated.append(odds)
+                right.append(is_right(record, place))
+    found = []
+    for low, high in pairwise(ODDS_BANDS):
+        here = [k for k, odds in enumerate(stated) if low <= odds < high]
+        if here:
+            given = [right[k] for k in here]
+            mean = sum(stated[k] for k in here) / len(here)
+            found.append(
+                [
+                    f"{low:.2f} to {min(high, 1.0):.2f}", str(len(here)), f"{mean:.3f}",
+                    f"{sum(given) / len(here):.3f} ({exact(given)} %)",
+                ]
+            )  # fmt: skip
     return found
 
 
@@ -365,185 +567,56 @@ def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
     return squares, score
 
 
-def comparison(records: Sequence[Record], judge: Callable[[Record], str]) -> str:
-    """Return a Markdown table of both methods on the same cases, graded by `judge`."""
-    both = [record for record in records if "bic" in record]
-    guessed = []
-    for record in both:
-        named = [record["bic"]["named"]] if record["bic"]["named"] else []
-        verdict = "named" if named else "none"
-        guessed.append({**record, "verdict": verdict, "named": named, "ties": []})
-    rows = []
-    for method, cases in (("diagnose", both), ("lowest BIC", guessed)):
-        shares = [
-            _counted([judge(r) for r in cases if r["kind"] == kind], word)
-            for kind, word in (
-                *(("named", word) for word in ("right", "tie", "missed", "wrong")),
-                ("none", "wrong"),
-                ("unknown", "wrong"),
-            )
-        ]
-        rows.append((method, *shares))
-    head = (
-        "method", "right", "in a tie of two", "missed", "wrong",
-        "none: false alarms", "unknown: wrongly named",
-    )  # fmt: skip
-    return table(head, rows)
-
-
-def _counted(words: Sequence[str], word: str) -> str:
-    return f"{words.count(word) / len(words):.0%} of {len(words)}" if words else "-"
-
-
-PAIRS = (
-    ("viscous_friction", "backlash"),
-    ("viscous_friction", "joint_gravity"),
-    ("load_independent_friction", "motor_inertia"),
-    ("stribeck_friction", "viscous_friction"),
-    ("asymmetric_friction", "joint_stiffness"),
-    ("pulley_eccentricity", "viscous_friction"),
-)
-NEWER = ("joint_friction",)
-"""Effects that come last, so that those of earlier studies keep their seeds."""
-
-
-def cases(
-    study: str,
-    seeds: int,
-    strengths: Sequence[float],
-    kinds: Sequence[str],
-    make: str = "bristles",
-) -> Iterator[dict[str, Any]]:
-    """Yield the cases of a study: hidden effects, strengths and seeds."""
-    first = STUDIES[study]
-    hidden: list[tuple[str, tuple[str, ...]]] = []
-    hidden += [("named", (name,)) for name in MAKES[make].named]
-    hidden += [("unknown", (name,)) for name in MAKES[make].unknown]
-    hidden += [("none", ())] * 10
-    hidden += [("pair", pair) for pair in PAIRS]
-    hidden.sort(key=lambda each: each[1] == NEWER)
-    for turn, strength in enumerate(list(strengths) * seeds):
-        for place, (kind, names) in enumerate(hidden):
-            if kind in kinds:
-                seed = first + 100 * turn + place
-                yield {
-                    "kind": kind, "hidden": names, "seed": seed, "strength": strength,
-                    "make": make,
-                }  # fmt: skip
-
-
-def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
-    """Generate, diagnose and record a case; with `with_bic` also name it by BIC."""
-    from proposal_loop import loop
-
-    seed = case["seed"]
-    rig = make_rig(seed, make=case["make"])
-    trials = MAKES[rig.make].trials(rig)
-    recorded = f"{trials}_standard" if case.get("standard") else trials
-    amounts = {
-        name: calibrate(rig, name, case["strength"], trials, seed)
-        for name in case["hidden"]
-    }
-    with tempfile.TemporaryDirectory() as folder:
-        first, *more = loop(rig, amounts, recorded, seed, Path(folder))
-    result, found, truth = first.result, first.diagnosis, truth_of(rig)
-    record = {
-        **case,
-        "amounts": amounts,
-        "reached": measure(rig, amounts, trials, seed).refit if amounts else 0.0,
-        "trials": recorded,
-        "misfit": misfit(result),
-        **judgement(found),
-        "said": found.statement,
-        "closed": overall_share(found.gap) if found.gap else float("nan"),
-        "intervals": {
-            name: [value.value, *value.ci95, truth[name]]
-            for name, value in found.baseline.parameters.items()
-            if name in truth
-        },
-        # Once the experiments that ties propose have been done, too.
-        "settled": judgement(more[-1].diagnosis) if more else None,
-        "seconds": first.seconds,
-    }
-    if with_bic and result.baseline_fit is not None:
-        record["bic"] = bic(result.baseline_fit)._asdict()
-    return record
-
-
-def truth_of(rig: Rig) -> dict[str, float]:
-    """Return the true parameters of a rig in terms of the baseline's lumped scene."""
-    # A shaft that twists is soft in series with both cables.
-    shaft = MAKES[rig.make].plant_of(rig).bench.shaft
-    pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
-    return {
-        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
-        "pretension": rig.pretension,
-        # The scene's wrap is taken for granted, so friction is scaled by the rest.
-        "friction": 0.5
-        * (rig.friction_a + rig.friction_b)
-        * rig.wrap
-        / NOMINAL["wrap_angle_rad"],
-    }
-
-
-def judgement(diagnosis: Diagnosis) -> dict[str, Any]:
-    return {
-        "verdict": diagnosis.verdict,
-        "named": [effect.id for effect in diagnosis.missing],
-        "shares": {effect.id: effect.share for effect in diagnosis.effects},
-        "deviating": {each.parameter: each.deviations for each in diagnosis.deviating},
-        "ties": [list(tie) for tie in diagnosis.ties],
-    }
-
-
-def misfit(result: DiagnosisResult) -> float:
-    """Return the baseline's RMS held-out error over the noise floor; NaN if unknown."""
-    baseline_fit = result.baseline_fit
-    return baseline_fit.crossed.misfit if baseline_fit else float("nan")
-
-
 def main(
-    study: Literal[tuple(STUDIES)] = LAST,
-    seeds: int = 1,
-    strength: tuple[float, ...] = (2.0,),
-    kinds: tuple[str, ...] = ("named", "none", "unknown", "pair"),
-    only: tuple[str, ...] = (),
-    make: Literal["bristles", "guides", "elements"] = "bristles",
-    standard: bool = False,
+    effects: tuple[str, ...] = ("static",),
+    makes: tuple[Literal[tuple(MAKES)], ...] = tuple(MAKES),
+    strength: tuple[float, ...] = (4.0, 2.0),
+    protocol: tuple[Literal["bare", "standard"], ...] = ("standard",),
+    first: int = 18000,
+    rounds: int = 1,
+    proposals: int = MAX_PROPOSED,
     bic: bool = False,
-    jobs: int = 2,
+    jobs: int = 1,
     out: Path = Path("runs", "diagnose_benchmark"),
 ) -> None:
-    """Diagnose the cases that are not done; write and print the table.
+    """Run the cases that are not done; write and print the table.
 
     Args:
-        seeds: rounds over all that can be hidden.
+        effects: ids, pairs "a+b", none, or the groups static, named, earlier, newer,
+            unknown, pairs, nones (ten rigs), rare.
         strength: R of every effect.
-        only: ids.
-        make: of the rigs.
-        standard: record the rig turned, and without its cables, too.
+        first: seed.
+        rounds: rigs of each kind.
+        proposals: number of proposed trials that are recorded at most.
         bic: name by BIC, too; a quarter longer.
         jobs: processes.
     """
+    every = dict.fromkeys(n for m in makes for n in MAKES[m].named)
+    earlier = tuple(name for name in every if name not in NEWER)
+    newer = tuple(name for name in every if name in NEWER)
+    groups = {
+        "static": STATIC,
+        "named": earlier + newer,
+        "earlier": earlier,
+        "newer": newer,
+        "unknown": tuple(n for m in makes for n in MAKES[m].unknown),
+        "pairs": PAIRS,
+        "nones": ("none",) * 10,
+        "rare": tuple(SESSIONS),
+    }
+    hidden = [n for name in effects for n in groups.get(name, (name,))]
     out.mkdir(parents=True, exist_ok=True)
-    lines, page = Lines(out / f"{study}.jsonl"), out / f"{study}.md"
-    done = lines.done("seed", "strength", "make")
+    lines = Lines(out / "cases.jsonl")
+    done = lines.done(*KEYS)
     wanted = [
-        {**case, "standard": standard}
-        for case in cases(study, seeds, strength, kinds, make)
-        if (case["seed"], case["strength"], case["make"]) not in done
-        and (not only or set(case["hidden"]) & set(only))
+        case
+        for case in cases(hidden, makes, strength, protocol, first, rounds)
+        if case not in done
     ]
-    with (
-        ProcessPoolExecutor(jobs, get_context("spawn")) as pool,
-        tqdm(total=len(wanted), unit="case", **progress_options()) as bar,
-    ):
-        for one in as_completed(pool.submit(run, case, bic) for case in wanted):
-            lines.add(one.result())
-            with replacing(page) as partial:
-                partial.write_text(summary(lines.records), encoding="utf-8")
-            bar.update()
-    print(summary(lines.records))
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        found = [pool.submit(run, case, proposals, bic) for case in wanted]
+        keep(lines, out / "table.md", (one.result() for one in as_completed(found)),
+             len(wanted), summary)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -34,14 +34,29 @@ class Lines:
             file.write(json.dumps(record) + "\n")
 
 
+def keep(
+    lines: Lines,
+    page: Path,
+    made: Iterable[Record],
+    count: int,
+    table: Callable[[list[Record]], str],
+) -> None:
+    """Keep `count` records as they are made; print and keep the table of all."""
+    for record in tqdm(made, total=count, unit="case", **progress_options()):
+        lines.add(record)
+        with replacing(page) as partial:
+            partial.write_text(table(lines.records), encoding="utf-8")
+    print(table(lines.records))
+
+
 def complete(
     out: Path,
     keys: tuple[str, ...],
     cases: Iterable[tuple[Any, ...]],
     make: Callable[..., Record],
     table: Callable[[list[Record]], str],
-) -> list[Record]:
-    """Make the cases that a folder lacks; print and keep the table; return records.
+) -> None:
+    """Make the cases that a folder lacks; print and keep the table.
 
     `keys` are the fields of a record that identify its case, in the order of `cases`.
     """
@@ -49,9 +64,5 @@ def complete(
     lines = Lines(out / "cases.jsonl")
     done = lines.done(*keys)
     missing = [case for case in cases if case not in done]
-    for case in tqdm(missing, unit="case", **progress_options()):
-        lines.add(make(*case))
-        with replacing(out / "table.md") as partial:
-            partial.write_text(table(lines.records), encoding="utf-8")
-    print(table(lines.records))
-    return lines.records
+    made = (make(*case) for case in missing)
+    keep(lines, out / "table.md", made, len(missing), table)

@@ -1,34 +1,25 @@
-"""Diagnoses by `cc-mujoco diagnose` of rigs that hide rare effects, and of clean ones.
+"""Sessions of rigs that hide a rare effect, and of a clean one.
 
-    python scripts/diagnosis_study/rare_effects.py --out runs/rare
-
-The rig shares no code with the package (`rig/`). A drum whose radius grows and friction
-that differs between trials are simulated by it. Everything else is what a rig without
-the effect shows, with one exact change of the recorded signals: a stop or a neighbour
-between transmission and sensor, sensors that show each other, a joint on a cam. Every
-rare effect is asked for in each diagnosis. Cases that are done are kept; the table is
-printed as Markdown.
+The rig shares no code with the package (`rig/`). A drum whose radius grows, a conduit
+that creeps in its clamp and friction that differs between trials are simulated by it.
+Everything else is what a rig without the effect shows, with one exact change of the
+recorded signals: a stop or a neighbour between transmission and sensor, sensors that
+show each other, a joint on a cam.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
-import tyro
 from numpy.random import Generator, default_rng
 
-from cc_mujoco.diagnosis import EFFECTS, diagnose
+from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.report import _markdown as markdown
 from rig.dataset import make_dataset, make_trials, run, truth_of
-from rig.generate import facts_of, write_data
-from rig.makes import MAKES
-from rig.nominal import Rig, make_rig
+from rig.generate import facts_of
+from rig.nominal import Rig
 from rig.sensors import BASIC, logged, sampled
 
 Session = list[dict[str, Array]]
@@ -143,65 +134,23 @@ def _clean(rig: Rig, amount: float) -> Session:
     return session
 
 
-HIDDEN: dict[str, tuple[Callable[[Rig, float], Session], float, str]] = {
-    "clamp_creep": (_clamp, 2e-5, "clamp_creep_distal"),
-    "drum_winding": (_drum, 0.03, "drum_growth"),
-    "upper_joint_stop": (_stop(1.0), 3.0, "upper_stop_stiffness"),
-    "lower_joint_stop": (_stop(-1.0), 3.0, "lower_stop_stiffness"),
-    "current_ripple": (_ripple, 0.06, "ripple_order"),
-    "friction_by_order": (_order, -0.05, "friction_per_trial"),
-    "friction_by_temperature": (_temperature, -0.03, "friction_per_kelvin"),
-    "sensor_cross_talk": (_cross_talk, 0.05, "motor_torque_cross_talk"),
-    "coupled_neighbour": (_neighbour, 0.05, "neighbour_at_joint"),
-    "lever_geometry": (_cam, 0.06, "arm_slope"),
-    "none": (_clean, 0.0, ""),
+SESSIONS: dict[str, tuple[Callable[[Rig, float], Session], float]] = {
+    "clamp_creep": (_clamp, 2e-5),
+    "drum_winding": (_drum, 0.03),
+    "upper_joint_stop": (_stop(1.0), 3.0),
+    "lower_joint_stop": (_stop(-1.0), 3.0),
+    "current_ripple": (_ripple, 0.06),
+    "friction_by_order": (_order, -0.05),
+    "friction_by_temperature": (_temperature, -0.03),
+    "sensor_cross_talk": (_cross_talk, 0.05),
+    "coupled_neighbour": (_neighbour, 0.05),
+    "lever_geometry": (_cam, 0.06),
+    "rare_none": (_clean, 0.0),
 }
-"""Session, amount and parameter that is printed, by hidden effect."""
+"""Session and amount by hidden effect."""
 
 
-def row(out: Path, name: str, make: str, seed: int) -> list[str]:
-    session, amount, parameter = HIDDEN[name]
-    place = out / f"{name}_{make}_{seed}"
-    if not (place / "data").exists():
-        data = session(make_rig(seed, make=make), amount)
-        write_data(place / "data", data, facts_of(TRIALS, seed), "%.7g")
-    if not (place / "out" / "verdict.json").exists():
-        diagnose("bench", place / "data", place / "out", effects=RARE)
-    found = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))
-    ids = [each["id"] for each in found["effects"]]
-    known = {k: v for each in found["effects"] for k, v in each["parameters"].items()}
-    value = ""
-    if parameter in known:
-        low, high = known[parameter]["ci95"]
-        value = f"{known[parameter]['value']:.4g} ({low:.4g} to {high:.4g})"
-    ties = ["/".join(tie) for tie in found["ties"]]
-    return [
-        *(name, make, str(seed), f"{amount:g}", found["verdict"]),
-        *(", ".join(ids), "; ".join(ties), value, f"{found['remaining']:.2f}"),
-    ]
-
-
-def main(
-    out: Path = Path("runs/rare"),
-    only: tuple[Literal[tuple(HIDDEN)], ...] = tuple(HIDDEN),
-    make: tuple[Literal[tuple(MAKES)], ...] = ("bristles",),
-    first: int = 820,
-    rigs: int = 1,
-) -> None:
-    """Diagnose the rigs that are not done, and print the table.
-
-    Args:
-        first: seed of the first rig.
-    """
-    head = ("hidden", "make", "seed", "amount", "verdict", "added", "tied")
-    rows = []
-    for name in only:
-        for kind in make:
-            for seed in range(first, first + rigs):
-                rows.append(row(out, name, kind, seed))
-                print(" | ".join(rows[-1]), flush=True)
-    print(markdown.table((*head, "found", "floors left"), rows))
-
-
-if __name__ == "__main__":
-    tyro.cli(main)
+def session_of(name: str, rig: Rig) -> tuple[Session, str]:
+    """Return the trials of a rig with a rare effect, and the facts of each."""
+    session, amount = SESSIONS[name]
+    return session(rig, amount), facts_of(TRIALS, rig.seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from diagnose_benchmark import bic, comparison
+from diagnose_benchmark import bic, summary
 
 from cc_mujoco.diagnosis import BaselineFit, CrossValidation, Problem, Record, fit
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
@@ -65,39 +65,32 @@ def test_parameters_have_their_price() -> None:
     assert abs(guess.share) < 0.02
 
 
-def case(kind: str, hidden: str, guessed: str | None) -> dict[str, Any]:
+def case(seed: int, kind: str, hidden: str, guessed: str | None) -> dict[str, Any]:
     """Return a case whose effect the diagnosis does not name."""
     return {
-        "kind": kind,
-        "hidden": [hidden] if hidden else [],
-        "named": [],
-        "verdict": "none",
-        "bic": {"named": guessed},
-    }
+        "make": "guides", "protocol": "bare", "strength": 4.0, "seed": seed,
+        "kind": kind, "hidden": hidden or "none", "trials": "rich", "misfit": 1.1,
+        "effects": [hidden] if hidden else [], "closed": 0.5, "seconds": 3.0,
+        "steps": [{"named": [], "verdict": "none", "ties": []}], "proposed": [""],
+        "odds": [0.9], "intervals": {}, "bic": {"named": guessed},
+    }  # fmt: skip
 
 
-RECORDS = [
-    case("named", "backlash", "backlash"),
-    case("named", "backlash", None),
-    case("named", "presliding", "backlash"),
-    case("none", "", "backlash"),
-    case("none", "", None),
-    case("unknown", "unknown_reflex", "viscous_friction"),
-]
-
-
-def judge(record: dict[str, Any]) -> str:
-    """Right, wrong or missed, by the first name."""
-    if not record["named"]:
-        return "missed"
-    return "right" if record["named"] == record["hidden"] else "wrong"
-
-
-def test_the_comparison_counts_what_both_said_of_the_same_cases() -> None:
-    plain = {key: value for key, value in RECORDS[0].items() if key != "bic"}
-    *_, diagnosis, guess = comparison([*RECORDS, plain], judge).splitlines()
-    third = ["33% of 3"]
-    assert [cell.strip() for cell in guess.strip("|").split("|")] == [
-        "lowest BIC", *third, "0% of 3", *third, *third, "50% of 2", "100% of 1",
-    ]  # fmt: skip
-    assert "| 0% of 3 | 0% of 3 | 100% of 3 | 0% of 3 |" in diagnosis
+def test_the_table_counts_what_both_said_of_the_same_cases() -> None:
+    guesses = [
+        ("named", "backlash", "backlash"),
+        ("named", "backlash", None),
+        ("named", "presliding", "backlash"),
+        ("none", "", "backlash"),
+        ("none", "", None),
+        ("unknown", "unknown_reflex", "viscous_friction"),
+    ]
+    text = summary([case(seed, *guess) for seed, guess in enumerate(guesses)])
+    right, third = "1 (1 to 91 %)", "0 (0 to 71 %)"
+    assert f"| bare | named | 4 | 3 | 0 | {third} | 0 | 0 | 3 | 0 |" in text
+    by = f"| bare | named, by the lowest BIC | 4 | 3 | 1 | {right} | 0 | 0 | 1 | 1 |"
+    assert by in text
+    none = "| bare | none, by the lowest BIC | 4 | 2 | 1 | 1 (1 to 99 %) |"
+    assert f"{none} 0 | 0 | 0 | 1 |" in text
+    unknown = "| bare | unknown, by the lowest BIC | 4 | 1 | 0 | 0 (0 to 98 %) |"
+    assert f"{unknown} 0 | 0 | 0 | 1 |" in text

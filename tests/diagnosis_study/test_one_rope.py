@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from proposal_loop import trial_of
+from diagnose_benchmark import trial_of
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import Diagnosis, infer, plan

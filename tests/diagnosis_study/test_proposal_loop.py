@@ -6,7 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from proposal_loop import CELLS, Case, cases, planned_trial, summary
+from diagnose_benchmark import (
+    CELLS,
+    Case,
+    cases,
+    is_alone,
+    planned_trial,
+    run,
+    summary,
+    word_of,
+)
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -54,13 +63,24 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
         "make": "guides", "protocol": "bare", "hidden": "joint_gravity",
         "strength": 4.0, "seed": 1, "kind": "named", "effects": ["joint_gravity"],
         "steps": [tied, right], "proposed": ["a", ""], "odds": [0.8, 0.95],
+        "seconds": 3.0, "closed": 0.9, "intervals": {}, "trials": "rich",
     }  # fmt: skip
     wrong = {**record, "seed": 2, "steps": [{**right, "named": ["b"]}]}
     wrong |= {"proposed": [""], "odds": [0.95]}
     text = summary([record, wrong])
-    assert "| bare | static | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 1 |" in text
+    assert "| bare | named | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 0 | 1 |" in text
     assert (
         "joint_gravity | 4.0 | 2 |" in text and "joint_gravity | 4.0 | 1 |" not in text
     )
     assert "| 0.70 to 0.85 | 1 | 0.800 | 1.000 (3 to 100 %) |" in text
     assert "| 0.92 to 1.00 | 2 | 0.950 | 0.500 (1 to 99 %) |" in text
+
+
+@pytest.mark.study
+def test_a_rare_effect_is_asked_for_and_named() -> None:
+    record = run(Case("bristles", "bare", "current_ripple", 0.0, 820))
+    (found,) = record["steps"]
+    assert (found["verdict"], found["named"]) == ("named", ["current_ripple"])
+    assert word_of(record, -1) == "right" and is_alone(record)
+    value, low, high = found["values"]["ripple_order"]
+    assert low <= 9.0 <= high and value == pytest.approx(9.0, rel=0.01)

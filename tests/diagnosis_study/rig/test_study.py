@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import Any
 
-import proposal_loop
+import diagnose_benchmark
 import pytest
-from diagnose_benchmark import cases, is_right, judged, run, summary, went
+from diagnose_benchmark import Case, is_alone, is_right, judged, run, summary
+from diagnose_benchmark import word_of as went
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,21 +32,30 @@ def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
         hidden = (draw(st.sampled_from(FEW if kind == "named" else list(KINDS[kind]))),)
     named = draw(st.lists(st.sampled_from(FEW), unique=True, max_size=2))
     verdict = draw(st.sampled_from(["named", "tie"] if named else ["none", "unknown"]))
-    again = draw(st.sampled_from([None, ["backlash"], list(hidden)]))
-    settled = again and {"verdict": "named", "named": again}
+    again = draw(st.sampled_from([[], ["backlash"], list(hidden)]))
+    steps = [
+        {
+            "verdict": verdict,
+            "named": named,
+            "ties": [[named[0], "backlash"]] if verdict == "tie" else [],
+        }
+    ]
+    if verdict == "tie" and again:
+        steps.append({"verdict": "named", "named": again, "ties": []})
     return {
         "trials": draw(st.sampled_from(["rich", "restful"])),
+        "protocol": "bare",
         "seconds": draw(st.floats(1.0, 500.0)),
         "misfit": 1.2,
-        "settled": settled if verdict == "tie" else None,
+        "steps": steps,
+        "proposed": ["", ""][: len(steps)],
+        "odds": [0.9, None][: len(steps)],
         "kind": kind,
-        "hidden": () if kind == "none" else hidden,
-        "strength": draw(st.sampled_from(STRENGTHS)),
-        "reached": 2.0,
-        "verdict": verdict,
-        "named": named,
-        "ties": [[named[0], "backlash"]] if verdict == "tie" else [],
+        "hidden": "none" if kind == "none" else "+".join(hidden),
+        "effects": () if kind == "none" else hidden,
+        "strength": 0.0 if kind == "none" else draw(st.sampled_from(STRENGTHS)),
         "closed": 0.5,
+        "intervals": {"friction": [1.0, 0.9, 1.1, draw(st.floats(0.8, 1.2))]},
     }
 
 
@@ -56,14 +65,6 @@ def rows(text: str) -> list[list[str]]:
         for line in text.splitlines()
         if line.startswith("| ")
     ]
-
-
-def right(kind: str, case: list[str]) -> bool:
-    hidden, _, _, _, _, verdict, named, ties = case[:8]
-    if kind != "named":
-        return verdict == kind
-    first = named.split(", ")[0] == hidden and hidden not in ties
-    return first and verdict in ("named", "tie")
 
 
 @pytest.mark.parametrize(
@@ -116,59 +117,43 @@ def test_a_case_is_judged_by_what_was_hidden_and_what_was_said(
 def test_a_verdict_is_right_if_it_names_all_that_is_hidden_and_no_more(
     right: bool, kind: str, hidden: str, verdict: str, named: str, ties: list[str]
 ) -> None:
-    record = {
-        "kind": kind,
-        "hidden": [*hidden],
-        "verdict": verdict,
-        "named": [*named],
-        "ties": [[*tie] for tie in ties],
-    }
-    assert is_right(record) == right
+    found = {"verdict": verdict, "named": [*named], "ties": [[*t] for t in ties]}
+    record = {"kind": kind, "effects": [*hidden], "steps": [found]}
+    assert is_right(record, -1) == right
 
 
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
-def test_rates_count_the_cases_below_them(
-    told: list[dict[str, Any]],
-) -> None:
+def test_rates_count_the_cases_below_them(told: list[dict[str, Any]]) -> None:
     records = [
         record | {"seed": seed, "make": f"make {seed % 2}"}
         for seed, record in enumerate(told)
     ]
-    above, between, below = summary(records).split("<details>")
-    listed = [row for row in rows(below) if row[0] != "hidden"]
-    assert len(listed) == len(records)
-    given_rows = [row for row in rows(between) if len(row) == 3 and row[1].isdigit()]
-    assert sum(int(row[1]) for row in given_rows) == len(records)
-    rates = {tuple(row[:3]): row[3:5] for row in rows(between) if len(row) == 9}
-    for kind, names in KINDS.items():
-        of_kind = [case for case in listed if case[0] in names]
-        for make, size in {
-            (case[1], "-" if kind == "none" else case[2]) for case in of_kind
-        }:
-            mine = [
-                case for case in of_kind if case[1] == make and size in ("-", case[2])
-            ]
-            good = sum(right(kind, case) for case in mine) / len(mine)
-            count, told_rate = rates[kind, make, size]
-            rate, low, _, high = told_rate.replace("(", "").replace(")", "").split()
-            assert (count, rate) == (str(len(mine)), f"{good:.0%}")
-            assert int(low) <= round(100 * good) <= int(high)
-    single = [r for r in records if r["kind"] == "named" and r["settled"]]
-    well = [r for r in single if set(r["hidden"]) <= set(r["settled"]["named"])]
-    ties = re.findall(r"of the\s(\d+)\sof single effects in (\d+)", above)
-    assert [tuple(map(int, each)) for each in ties] in ([], [(len(single), len(well))])
-    assert bool(ties) == any(r["settled"] for r in records)
-
-
-@pytest.mark.parametrize("seeds", [1, 2])
-def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
-    found = list(cases("final", seeds, STRENGTHS, [*KINDS]))
-    assert len({case["seed"] for case in found}) == len(found)
-    hidden = [(case["hidden"], case["strength"]) for case in found]
-    for size in STRENGTHS:
-        for name in MAKE.effects:
-            assert hidden.count(((name,), size)) == seeds
-        assert hidden.count(((), size)) >= 10 * seeds
+    above, below = summary(records).split("<details>")
+    rates = {tuple(row[:3]): row[3:] for row in rows(above) if len(row) == 10}
+    rates.pop(("recorded first", "hidden", "R"))
+    for (_, kind, size), row in rates.items():
+        own = [
+            r for r in records
+            if r["kind"] == kind and size in ("-", f"{r['strength']:g}")
+        ]  # fmt: skip
+        count, once, alone, *others = row
+        assert int(count) == len(own)
+        assert int(once) == sum(went(r, 0) == "right" for r in own)
+        many, low, _, high, _ = alone.replace("(", "").replace(")", "").split()
+        assert int(many) == sum(map(is_alone, own))
+        assert int(low) <= round(100 * int(many) / len(own)) <= int(high)
+        last = [went(r, -1) for r in own]
+        assert last.count("right") + sum(map(int, others)) == len(own)
+    assert sum(int(row[0]) for row in rates.values()) == len(records)
+    given_rows = [row for row in rows(below) if len(row) == 3 and row[1].isdigit()]
+    first = [r["steps"][0]["verdict"] for r in records]
+    assert {row[0]: int(row[1]) for row in given_rows} == {
+        verdict: first.count(verdict) for verdict in set(first)
+    }
+    failed = [row for row in rows(below) if len(row) == 10 and row[0] != "make"]
+    assert len(failed) == sum(not is_alone(r) for r in records)
+    (odds,) = (row for row in rows(above) if row[0] == "0.85 to 0.92")
+    assert int(odds[1]) == len(records)
 
 
 @pytest.mark.study
@@ -189,9 +174,9 @@ def test_a_case_meets_the_checks_that_the_command_makes(
             for columns in whole(*args)
         ]
 
-    monkeypatch.setattr(proposal_loop, "make_dataset", in_other_units)
-    case = next(cases("final", 1, [2.0], ["none"]))
-    found = run(case)
+    monkeypatch.setattr(diagnose_benchmark, "make_dataset", in_other_units)
+    record = run(Case("bristles", "bare", "none", 0.0, 3031))
+    (found,) = record["steps"]
     assert (found["verdict"], found["named"]) == ("fix-data", [])
     assert "perhaps it is in mNm" in found["said"]
-    assert went(found) == "wrong"
+    assert went(record, -1) == "wrong"

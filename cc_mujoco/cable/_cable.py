@@ -37,6 +37,7 @@ ROLLER = "roller"
 """Guide of an open cable that turns with it, so that it does not rub."""
 OF_A_CONDUIT = (
     "seal_proximal", "seal_distal", "clamp_creep_proximal", "clamp_creep_distal",
+    "clearance",
 )  # fmt: skip
 """Parameters of what only a conduit has; they are off where the whole path is open."""
 ENDS = ("auto", "explicit")
@@ -46,7 +47,8 @@ ALLOWED = {
     "conduit": (
         f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no "
         f"length above {MAX_LENGTH:g} and no bend above {MAX_WRAP:g} rad, radius `inf` "
-        "where straight, e.g. `0.8:0.15 0.6:inf`"
+        "where straight, e.g. `0.8:0.15 0.6:inf`; `:a:b` behind one are factors on "
+        "`clearance` and `seating_tension`, within their ranges"
     ),
     "bend": (
         "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
@@ -103,10 +105,15 @@ def _field(name: str) -> float:
 
 
 class Section(NamedTuple):
-    """Conduit of constant bend: length [m] and bend radius [m], inf where straight."""
+    """Conduit of constant bend: length [m] and bend radius [m], inf where straight.
+
+    Its clearance and seating tension are those of the cable, times these factors.
+    """
 
     length: float
     radius: float
+    clearance: float = 1.0
+    seating: float = 1.0
 
 
 class Guide(NamedTuple):
@@ -211,19 +218,28 @@ class Cable:
         ):
             raise self._refusal("segments")
         try:
-            sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
+            sections = tuple(Section(*map(float, each)) for each in self.conduit)
         except (TypeError, ValueError):
             allowed = (
                 "sections, each a length and a radius in metres; text as in MJCF is "
                 "for Cable.from_config"
             )
             raise self._refusal("conduit", allowed) from None
+        play, seats = _READ["clearance"].high, _READ["seating_tension"].high
         valid = all(
-            0.0 < s.length <= MAX_LENGTH and s.length <= MAX_WRAP * s.radius
+            0.0 < s.length <= MAX_LENGTH
+            and s.length <= MAX_WRAP * s.radius
+            and 0.0 <= s.clearance
+            and s.clearance * self.clearance <= play
+            and 0.0 < s.seating
+            and s.seating * self.seating_tension <= seats
             for s in sections
         )
         if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
             raise self._refusal("conduit")
+        if self.stress_relaxation > 0.0 and len({s.seating for s in sections}) > 1:
+            allowed = "0 (off) where sections differ in `seating_tension`"
+            raise self._refusal("stress_relaxation", allowed)
         object.__setattr__(self, "conduit", sections)
         if self.bend not in BENDS:
             raise self._refusal("bend")
@@ -247,8 +263,6 @@ class Cable:
                 f"{self.path!r}; it must be {ALLOWED['mouth']}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
-        if self.clearance > 0.0 and self.path != PATHS[0]:
-            raise self._refusal("clearance", "0 (off) where `path` is not 'guided'")
         for end in "end", "proximal":
             spring = f"{end}_compliance"
             for name in f"{end}_hardening", f"{end}_loss":
@@ -363,7 +377,7 @@ class Cable:
         """Return the text of every configuration key, the inverse of `from_config`."""
         config = dict(zip(_NAMES, map(repr, self.scalars), strict=True))
         config["segments"] = str(self.segments)
-        config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
+        config["conduit"] = " ".join(map(_section_text, self.conduit))
         for name in _TEXTS:
             if (text := getattr(self, name)) != getattr(Cable, name):
                 config[name] = text
@@ -443,13 +457,20 @@ def _parse_decimal(text: str) -> float | None:
 def _parse_sections(text: str) -> tuple[Section, ...] | None:
     sections = []
     for word in text.split() or [""]:
-        length, _, radius = word.partition(":")
-        number = _parse_decimal(length)
+        length, _, rest = word.partition(":")
+        radius, *factors = rest.split(":")
         bend = math.inf if radius == "inf" else _parse_decimal(radius)
-        if number is None or bend is None:
+        numbers = [_parse_decimal(length), bend, *map(_parse_decimal, factors)]
+        if None in numbers or len(factors) not in (0, 2):
             return None
-        sections.append(Section(number, bend))
+        sections.append(Section(*numbers))  # type: ignore[arg-type]
     return tuple(sections)
+
+
+def _section_text(section: Section) -> str:
+    """Return a section as `_parse_sections` reads it."""
+    plain = section == Section(section.length, section.radius)
+    return ":".join(map(repr, section[:2] if plain else section))
 
 
 def _parse_guides(text: str) -> tuple[Guide, ...] | None:

@@ -25,6 +25,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._nodes import recall_springs
 from cc_mujoco.cable._pack import set_path
 from cc_mujoco.cable._pulleys import Driven
 from cc_mujoco.errors import CableError
@@ -157,6 +158,12 @@ def _pack_on_path(cable: Cable, course: CoupledPath) -> FloatArray:
         layout.node_length(prm, n)[:] = course.length[0]
         prm[layout.LENGTH] = course.length[0].sum()
         prm[layout.GUIDED] = course.guided
+        play, seating = layout.clearance_factors(prm, n), layout.seating_factors(prm, n)
+        play[:], seating[:] = 0.0, 1.0
+        if (k := course.guided) > 0:
+            inside = packed_parameters(cable.replace(segments=k))
+            play[:k] = layout.clearance_factors(inside, k)
+            seating[:k] = layout.seating_factors(inside, k)
         kernel.pack_mesh(np.array(cable.scalars), n, prm)
     kernel.expect_change(prm)
     if course.open:
@@ -232,6 +239,9 @@ def _play(
     _interpolate_row(tables.gained, row, share, before)
     if lengthens:
         _interpolate_row(tables.length, row, share, length)
+    _interpolate_row(tables.wrap, row, share, wrap)
+    _interpolate_row(tables.contact, row, share, contact)
+    set_path(prm, n, wrap, contact)
     u_distal = _between_rows(tables.distal, row, share)
     u_proximal, _ = stepper.proximal_displacement(cables, 0, motor[0])
     kernel.initialize(prm, n, u_proximal, u_distal, state)
@@ -239,21 +249,27 @@ def _play(
         if interrupted(k):
             return
         u_proximal, lever = stepper.proximal_displacement(cables, 0, motor[k])
-        if k == 0 or joint[k] != joint[k - 1]:
+        turns = k == 0 or joint[k] != joint[k - 1]
+        if turns:
             row, share = _table_position(tables, joint[k])
             _interpolate_row(tables.wrap, row, share, wrap)
             _interpolate_row(tables.contact, row, share, contact)
             _interpolate_row(tables.gained, row, share, gained)
             _interpolate_row(tables.gain, row, share, gain)
             u_distal = _between_rows(tables.distal, row, share)
-            set_path(prm, n, wrap, contact)
         if lengthens:
             was, length = length, was
             _interpolate_row(tables.length, row, share, length)
             for i in range(n + 1):
                 longer[i] = gained[i] - before[i]
                 before[i] = gained[i]
+            recall_springs(prm, state)
             moving_path.carry(prm, n, layout.tensions(state, n), was, length, longer)
+            moving_path.bend_conduit(
+                prm, n, layout.tensions(state, n), layout.segment_angles(prm, n), wrap
+            )
+        if turns:
+            set_path(prm, n, wrap, contact)
         kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
         state, new = new, state
         tension = layout.tensions(state, n)

@@ -152,6 +152,23 @@ def stretch_of(piece: Piece, tension: float) -> float:
 
 
 @internal
+def given_way(piece: Piece, tension: float) -> float:
+    """Return the part of the stretch that is of no rope [m]: clearance and spring."""
+    if tension <= 0.0:
+        return tension * (piece.clearance / piece.seating + piece.spring)
+    play = piece.clearance * tension / (tension + piece.seating)
+    return play + spring_between(piece, 0.0, tension)
+
+
+@internal
+def giving_slope(piece: Piece, tension: float) -> float:
+    """Return the derivative of `given_way` by the tension [m/N]."""
+    pull = max(tension, 0.0)
+    play = _slope(piece.clearance, piece.seating, pull, pull)
+    return play if piece.spring == 0.0 else play + spring_slope(piece, tension)
+
+
+@internal
 def _slack_compliance(piece: Piece) -> float:
     """Return the compliance of a slack piece, that at tension 0 [m/N]."""
     return (

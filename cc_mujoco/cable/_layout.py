@@ -24,8 +24,8 @@ State vector:
                        stretch of these bristles [m]
                        age of the contacts of segment j, see `_friction.age_after_step`
     10 + 6 n :         rope on the drum of either end, see `_drum.py`; 0 where the path
-                       cannot lengthen, but for the wrap angle of the rest pose [rad]
-                       where clearance needs it, see `rest_wrap`
+                       cannot lengthen, but for the wrap angle of the rest pose [rad],
+                       times `clearance_factors`, where they count, see `rest_wrap`
 """
 
 from __future__ import annotations
@@ -39,13 +39,15 @@ SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
 (
     BENDS_CHANGE, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, PATH_LENGTHENS,
-    YIELD_PROXIMAL, YIELD_DISTAL, CURVED, HELD_PROXIMAL, HELD_DISTAL,
-) = range(SCALARS, SCALARS + 11)  # fmt: skip
+    YIELD_PROXIMAL, YIELD_DISTAL, CURVED, HELD_PROXIMAL, HELD_DISTAL, RATIO_PROXIMAL,
+    RATIO_DISTAL,
+) = range(SCALARS, SCALARS + 13)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `_friction.py`, length,
 number of segments inside a conduit, whether the path itself may lengthen, the
 compliance of the supports of the ends [m/N], which nodes soften as they go slack (see
-`_nodes.curvature`), and entries 7 and 8 of the state before the step [N]."""
-_ROWS_START = SCALARS + 11
+`_nodes.curvature`), entries 7 and 8 of the state before the step [N], and stretched
+over unstretched length of the rope at both ends, 1 where the path cannot lengthen."""
+_ROWS_START = SCALARS + 13
 
 STATE_HEADER = 9
 """Numbers before the tensions."""
@@ -73,7 +75,7 @@ def state_size(n: int) -> int:
 
 @internal
 def rest_wrap(n: int) -> int:
-    """Return the index in the state of the wrap angle in the rest pose [rad].
+    """Return the index in the state of the wrap angle with play in the rest pose [rad].
 
     The entry is negative until it is known: the pose is `qpos0` of a model whose bends
     have not been measured yet.
@@ -83,7 +85,7 @@ def rest_wrap(n: int) -> int:
 
 @compiled
 def parameter_size(n: int) -> int:
-    return _ROWS_START + 12 * n + 4
+    return _ROWS_START + 14 * n + 4
 
 
 @compiled
@@ -173,6 +175,18 @@ def carried_path(prm: FloatArray, n: int) -> FloatArray:
 def carried_cable(prm: FloatArray, n: int) -> FloatArray:
     """Return the unstretched cable carried across every segment in a step (n,) [m]."""
     return prm[_ROWS_START + 11 * n + 4 : _ROWS_START + 12 * n + 4]
+
+
+@compiled
+def clearance_factors(prm: FloatArray, n: int) -> FloatArray:
+    """Return the clearance of every segment by that of the cable (n,)."""
+    return prm[_ROWS_START + 12 * n + 4 : _ROWS_START + 13 * n + 4]
+
+
+@compiled
+def seating_factors(prm: FloatArray, n: int) -> FloatArray:
+    """Return the seating tension of every segment by that of the cable (n,)."""
+    return prm[_ROWS_START + 13 * n + 4 : _ROWS_START + 14 * n + 4]
 
 
 @compiled

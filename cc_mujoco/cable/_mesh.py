@@ -30,6 +30,10 @@ MAX_REFINEMENT = 8.0
 """Times that a segment may be shorter than the mean."""
 
 
+SECTION_SIZE = 4
+"""Numbers of a section: length, bend radius, factors on clearance and its seating."""
+
+
 @internal
 def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
     """Return length [m], wrap [rad], and whether the curvature is constant."""
@@ -46,7 +50,7 @@ def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
 def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
     """Set the edges (n + 1,) of the segments of a conduit [m].
 
-    `sections` (m, 2) are length and bend radius [m], proximal to distal; inf: straight.
+    `sections` (m, 4) are those of a `Cable`, proximal to distal.
     """
     length, wrap, even = measure_conduit(sections)
     if even:
@@ -99,3 +103,33 @@ def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) 
                 angle += shared / sections[s, 1]
             start = stop
         angles[j] = angle
+
+
+@internal
+def share_clearance(
+    sections: FloatMatrix,
+    edges: FloatArray,
+    angles: FloatArray,
+    clearance: FloatArray,
+    seating: FloatArray,
+) -> None:
+    """Set the factors of every segment (n,) on clearance and on its seating tension.
+
+    `angles` are those of `segment_wraps`. In a segment over several sections the play
+    of the taut and the compliance of the slack cable are the sums of theirs.
+    """
+    for j in range(angles.size):
+        begin, end = edges[j], edges[j + 1]
+        whole, play, eased, start = 0.0, 0.0, 0.0, 0.0
+        for s in range(sections.shape[0]):
+            stop = start + sections[s, 0]
+            shared = min(end, stop) - max(begin, start)
+            if shared > 0.0:
+                # By length where nothing bends yet.
+                share = shared / sections[s, 1] if angles[j] > 0.0 else shared
+                whole += share
+                play += share * sections[s, 2]
+                eased += share * sections[s, 2] / sections[s, 3]
+            start = stop
+        clearance[j] = play / whole if whole > 0.0 else 1.0
+        seating[j] = play / eased if eased > 0.0 else 1.0

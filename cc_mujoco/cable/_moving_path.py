@@ -3,17 +3,18 @@
 A node is the cable that lies along one part of the path. With l the present length of
 that part, m the unstretched length of cable in it and T its tension,
 
-    1 + strain(T) = l / m,        T = EA (l - m) / m without bedding.
+    1 + strain(T) = (l - X(T)) / m,        T = EA (l - m) / m without bedding and X,
 
+where X is what gives way beside the rope: springs at its ends, clearance in a conduit.
 So a piece of 0.2 m is ten times as stiff as one of 2 m. The unstretched lengths follow
 from path and tensions. Their sum is constant: they move between nodes by slip, and
 where the path moves over a cable that sticks: a pulley that turns carries it from one
 piece to the next, at the strain that it has.
 
 A step is solved in unstretched lengths too: near the tension before it a node is a
-spring of EA (1 + strain)^2 / l, and the lengthening of its path is divided by 1 +
-strain. A node that was slack is a spring of EA / l, as when it becomes taut, with the
-length that the law gives: a straight line through the slack would be wrong by EA
+spring of EA (1 + strain)^2 / (l - X), and the lengthening of its path is divided by 1 +
+strain. A node that was slack is a spring of EA / (l - X), as when it becomes taut, with
+the length that the law gives: a straight line through the slack would be wrong by EA
 strain^2, up to kN. `apply_material_law` then replaces the linear tensions by the law,
 so that no cable is lost or made over any number of steps. `_drum.py` has the rope that
 drums take in or out.
@@ -26,8 +27,6 @@ does.
 """
 
 from __future__ import annotations
-
-import math
 
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
@@ -141,6 +140,8 @@ def carry(
     path, cable = at.carried_path(prm, n), at.carried_cable(prm, n)
     flow, carried, changed = 0.0, 0.0, False
     following = stretch_ratio(prm, tension[0])
+    springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
+    gives = springs + prm[PLACE.clearance] > 0.0
     for i in range(n + 1):
         came, ratio = carried, following
         flow += gained[i] - (now[i] - before[i])
@@ -151,15 +152,18 @@ def carry(
             carried = _carried_length(prm, n, tension, before, i, flow, left)
             changed = changed or flow != path[i] or carried != cable[i]
             path[i], cable[i] = flow, carried
-        share = 1.0 / ratio
+        share, rope = 1.0 / ratio, now[i]
+        if gives:
+            rope -= nodes.given_way(prm, n, i, tension[i])
         taken = (now[i] - before[i]) * share + carried - came
-        loose = now[i] * share * share
+        loose = rope * share * share
         if tension[i] < 0.0:
-            taken -= _bend_of_slack(now[i], ratio)
-            loose = now[i]
+            taken -= _bend_of_slack(rope, ratio)
+            loose = rope
         changed = changed or taken != longer[i] or loose != length[i]
         longer[i], length[i] = taken, loose
         if i == 0 or i == n:
+            prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL] = ratio
             nodes.set_node(prm, n, i)
         else:
             compliance[i] = length[i] * soft
@@ -177,59 +181,51 @@ def _bend_of_slack(length: float, ratio: float) -> float:
 
 
 @internal
-def _spring(prm: FloatArray, n: int, i: int) -> float:
-    """Return the compliance of the linear spring at a node [m/N]."""
-    if i == n:
-        return nodes.linear_compliance(prm, 1)
-    return nodes.linear_compliance(prm, 0) if i == 0 else 0.0
-
-
-@internal
 def _tension_by_law(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
-    """Return the tension of a node with bedding or a nonlinear spring [N].
+    """Return the tension of a node with bedding, a spring or clearance [N].
 
     `before` is that before the step, `after` the linear solution [N].
     """
-    spring, start = _spring(prm, n, i), stretch_ratio(prm, before)
-    length = at.node_length(prm, n)[i]
+    start, rope = stretch_ratio(prm, before), at.node_length(prm, n)[i]
     moved = nodes.stretch_between(prm, n, i, before, after)
     if before < 0.0:
-        moved += _bend_of_slack(length, start)
+        moved += _bend_of_slack(rope, start)
     else:
-        length *= start * start
-    unit, own = _cable_per_length(prm), nodes.node_piece(prm, n, i)
-    paid_out = length / start - length - spring * before - moved
-    paid_out += elastic.spring_between(own, before, 0.0)
-    if paid_out >= 0.0:  # more than makes it slack
-        soft = elastic.compliance_at(unit, 0.0)
-        return _slack_tension(length, soft, spring + own.spring, paid_out)
+        rope *= start * start
+    unit, whole = _cable_per_length(prm), rope + nodes.given_way(prm, n, i, before)
+    cable = rope / start - moved
+    if cable >= whole:
+        soft = cable * elastic.compliance_at(unit, 0.0)
+        return float((whole - cable) / (soft + nodes.giving_slope(prm, n, i, 0.0)))
     tension = max(after, 0.0)
     for _ in range(_MAX_ROUNDS):
         strain = stretch_ratio(prm, tension)
-        off = length / start - length / strain + spring * (tension - before) - moved
-        off += elastic.spring_between(own, before, tension)
-        slope = length * elastic.compliance_at(unit, tension) / (strain * strain)
-        tension -= off / (slope + spring + elastic.spring_slope(own, tension))
+        left = whole - nodes.given_way(prm, n, i, tension)
+        slope = cable * elastic.compliance_at(unit, tension)
+        slope += nodes.giving_slope(prm, n, i, tension)
+        tension -= (cable * strain - left) / slope
     return tension
 
 
 @internal
-def _slack_tension(length: float, soft: float, spring: float, slack: float) -> float:
-    """Return the tension, at most 0 [N], of a node with `slack` more cable [m].
+def bend_conduit(
+    prm: FloatArray, n: int, tension: FloatArray, before: FloatArray, now: FloatArray
+) -> None:
+    """Lengthen nodes by the play that bends take in before the next step.
 
-    `length` is that of its path [m], `soft` the compliance per length of slack cable
-    [1/N], `spring` that of the springs at the node [m/N]. The stretch ratio x solves
-    length / x = length + slack + spring (x - 1) / soft, a parabola.
+    Call it after `carry`. `tension` (n + 1,) [N] is that before the step. The angles of
+    the segments change from `before` to `now` [rad].
     """
-    yielding = spring / soft
-    linear = length + slack - yielding
-    root = math.sqrt(linear * linear + 4.0 * yielding * length)
-    # Of two forms the one that takes no difference of equals.
-    if linear > 0.0:
-        return (2.0 * length / (linear + root) - 1.0) / soft
-    return (0.5 * (root - linear) / yielding - 1.0) / soft
+    longer = at.lengthening(prm, n)
+    for i in range(n + 1 if prm[PLACE.clearance] > 0.0 else 0):
+        first, seating = nodes.node_play(prm, n, before, i)
+        other, softer = nodes.node_play(prm, n, now, i)
+        if first != other:
+            pull = max(tension[i], 0.0)
+            more = other / (pull + softer) - first / (pull + seating)
+            longer[i] -= tension[i] * more / stretch_ratio(prm, tension[i])
 
 
 @internal
@@ -245,7 +241,7 @@ def apply_material_law(
         if after[i] == before[i]:
             continue
         straight = not nodes.is_curved_node(prm, n, i)
-        plain = straight and _spring(prm, n, i) == 0.0
+        plain = straight and nodes.end_spring(prm, n, i) == 0.0
         if plain and before[i] < 0.0:
             after[i] *= ea / (ea - min(after[i], _MAX_NODE_SHARE * ea))
         elif plain:
@@ -265,6 +261,8 @@ def set_unstretched_lengths(
     `tension` [N] and `length` of path [m] are those of the state (n + 1,).
     """
     own = at.node_length(prm, n)
+    prm[at.RATIO_PROXIMAL] = prm[at.RATIO_DISTAL] = 1.0
     for i in range(n + 1):
-        own[i] = length[i] / stretch_ratio(prm, tension[i])
+        rope = length[i] - nodes.given_way(prm, n, i, tension[i])
+        own[i] = rope / stretch_ratio(prm, tension[i])
         nodes.set_node(prm, n, i)

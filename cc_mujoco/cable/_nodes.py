@@ -63,38 +63,114 @@ def linear_compliance(values: FloatArray, end: int) -> float:
 
 @internal
 def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
-    """Return node i as a `Piece`; its end spring is that before the step."""
-    return _held_piece(prm, n, i, prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL])
+    """Return node i as a `Piece`; its end spring is that before the step.
+
+    Where the path lengthens, the spring is one of unstretched rope, as the node.
+    """
+    ratio = prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL]
+    held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
+    return _held_piece(prm, n, i, held, ratio)
+
+
+@internal
+def given_way(prm: FloatArray, n: int, i: int, tension: float) -> float:
+    """Return the stretch at node i that is of no rope [m]: end springs and clearance.
+
+    Its end spring is that before the step.
+    """
+    held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
+    own = _held_piece(prm, n, i, held, 1.0)
+    return elastic.given_way(own, tension) + tension * end_spring(prm, n, i)
+
+
+@internal
+def giving_slope(prm: FloatArray, n: int, i: int, tension: float) -> float:
+    """Return the derivative of `given_way` by the tension [m/N]."""
+    held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
+    own = _held_piece(prm, n, i, held, 1.0)
+    return elastic.giving_slope(own, tension) + end_spring(prm, n, i)
 
 
 @internal
 def piece_now(prm: FloatArray, n: int, state: FloatArray, i: int) -> elastic.Piece:
     """Return node i as a `Piece`; its end spring is that of `state`."""
-    return _held_piece(prm, n, i, state[at.HELD_TENSIONS + (1 if i == n else 0)])
+    return _held_piece(prm, n, i, state[at.HELD_TENSIONS + (1 if i == n else 0)], 1.0)
 
 
 @internal
-def _held_piece(prm: FloatArray, n: int, i: int, held: float) -> elastic.Piece:
-    angle, turn = at.segment_angles(prm, n), 0.0
-    if i > 0:
-        turn += 0.5 * angle[i - 1]
-    if i < n:
-        turn += 0.5 * angle[i]
+def end_spring(prm: FloatArray, n: int, i: int) -> float:
+    """Return the compliance of the linear spring at node i [m/N]."""
+    if i == n:
+        return linear_compliance(prm, 1)
+    return linear_compliance(prm, 0) if i == 0 else 0.0
+
+
+@internal
+def _held_piece(
+    prm: FloatArray, n: int, i: int, held: float, ratio: float
+) -> elastic.Piece:
+    """Return node i with a soft end spring of T_held [N], its stretch over `ratio`."""
     length, taut = at.node_length(prm, n)[i], at.node_compliance(prm, n)[i]
+    play, seating = 0.0, prm[PLACE.seating_tension]
+    if prm[PLACE.clearance] > 0.0:
+        play, seating = node_play(prm, n, at.segment_angles(prm, n), i)
     if i == n and is_soft(prm, 1):
-        return _piece(prm, taut, length, turn, 1, held)
+        return _piece(prm, taut, length, play, seating, 1, held, ratio)
     if i == 0 and is_soft(prm, 0):
-        return _piece(prm, taut, length, turn, 0, held)
-    return _piece(prm, taut, length, turn, -1, 0.0)
+        return _piece(prm, taut, length, play, seating, 0, held, ratio)
+    return _piece(prm, taut, length, play, seating, -1, 0.0, 1.0)
+
+
+@internal
+def node_play(
+    prm: FloatArray, n: int, angles: FloatArray, i: int
+) -> tuple[float, float]:
+    """Return the play of node i in bends of these angles [m], and T_c of it [N].
+
+    Halves of two segments have the sum of their plays and of their slack compliances.
+    """
+    clearance, seating = at.clearance_factors(prm, n), at.seating_factors(prm, n)
+    turn, eased = 0.0, 0.0
+    if i > 0:
+        turn += 0.5 * angles[i - 1] * clearance[i - 1]
+        eased += 0.5 * angles[i - 1] * clearance[i - 1] / seating[i - 1]
+    if i < n:
+        turn += 0.5 * angles[i] * clearance[i]
+        eased += 0.5 * angles[i] * clearance[i] / seating[i]
+    factor = turn / eased if eased > 0.0 else 1.0
+    return turn * prm[PLACE.clearance], factor * prm[PLACE.seating_tension]
+
+
+@internal
+def wrap_with_play(prm: FloatArray, n: int, angles: FloatArray) -> float:
+    """Return the sum of these angles (n,) times `clearance_factors` [rad]."""
+    factors, wrap = at.clearance_factors(prm, n), 0.0
+    for j in range(n):
+        wrap += angles[j] * factors[j]
+    return wrap
+
+
+@internal
+def seated_stretch(
+    prm: FloatArray, n: int, angles: FloatArray, tension: float
+) -> float:
+    """Return the play that a uniform tension takes in bends of these angles [m]."""
+    total = 0.0
+    for i in range(n + 1 if prm[PLACE.clearance] > 0.0 else 0):
+        play, seating = node_play(prm, n, angles, i)
+        total += play * tension / (max(tension, 0.0) + seating)
+    return total
 
 
 @internal
 def _piece(
-    prm: FloatArray, taut: float, length: float, turn: float, end: int, held: float
-) -> elastic.Piece:
-    """Return a `Piece` of cable of this compliance [m/N], length [m] and bend [rad].
+    prm: FloatArray, taut: float, length: float, play: float, seating: float, end: int,
+    held: float, ratio: float,
+) -> elastic.Piece:  # fmt: skip
+    """Return a `Piece` of cable of this compliance [m/N], length and play [m].
 
-    The soft spring at its `end` (0, 1; -1: none) has T_held = `held` [N].
+    `seating` is its T_c [N]. The soft spring at its `end` (0, 1; -1: none) has T_held =
+    `held` [N], and its stretch is divided by `ratio`.
     """
     spring, hardening, loss = 0.0, 0.0, 0.0
     if end == 1:
@@ -102,11 +178,10 @@ def _piece(
     elif end == 0:
         hardening, loss = prm[PLACE.proximal_hardening], prm[PLACE.proximal_loss]
     if end >= 0:
-        spring = spring_compliance(prm, end)
+        spring = spring_compliance(prm, end) / ratio
     return elastic.Piece(
         taut, length * prm[PLACE.bedding_strain], prm[PLACE.bedding_tension],
-        turn * prm[PLACE.clearance], prm[PLACE.seating_tension], spring, hardening,
-        elastic.returned_share(loss), held,
+        play, seating, spring, hardening, elastic.returned_share(loss), held,
     )  # fmt: skip
 
 
@@ -131,7 +206,8 @@ def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
     tension, heat = at.tensions(state, n), 0.0
     for end in range(2):
         if is_soft(prm, end):
-            own = node_piece(prm, n, n * end)
+            held = prm[at.HELD_DISTAL if end == 1 else at.HELD_PROXIMAL]
+            own = _held_piece(prm, n, n * end, held, 1.0)
             heat += elastic.bristle_heat(own, own.held, tension[n * end])
             state[at.HELD_TENSIONS + end] = elastic.held_tension(own, tension[n * end])
     return heat
@@ -140,9 +216,11 @@ def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
 @internal
 def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
     """Return half of the contact length of segment j as a `Piece`."""
-    length, turn = at.contact_length(prm, n)[j], at.segment_angles(prm, n)[j]
-    half = at.half_compliance(prm, n)[j]
-    return _piece(prm, half, 0.5 * length, 0.5 * turn, -1, 0.0)
+    length, half = at.contact_length(prm, n)[j], at.half_compliance(prm, n)[j]
+    turn = 0.5 * at.segment_angles(prm, n)[j] * at.clearance_factors(prm, n)[j]
+    play, seating = turn * prm[PLACE.clearance], at.seating_factors(prm, n)[j]
+    seating *= prm[PLACE.seating_tension]
+    return _piece(prm, half, 0.5 * length, play, seating, -1, 0.0, 1.0)
 
 
 @internal
@@ -150,9 +228,11 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
     """Pack stiffness and compliance of a taut node, with its linear springs."""
     spring = 0.0
     if i == n:
-        spring = linear_compliance(prm, 1) + prm[at.YIELD_DISTAL]
+        spring = linear_compliance(prm, 1) / prm[at.RATIO_DISTAL]
+        spring += prm[at.YIELD_DISTAL]
     elif i == 0:
-        spring = linear_compliance(prm, 0) + prm[at.YIELD_PROXIMAL]
+        spring = linear_compliance(prm, 0) / prm[at.RATIO_PROXIMAL]
+        spring += prm[at.YIELD_PROXIMAL]
     stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[PLACE.axial_stiffness] + spring)
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
@@ -218,14 +298,16 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
 
 
 @internal
-def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
+def rest_stretch(prm: FloatArray, n: int, wrap: float, tension: float) -> float:
     """Return the stretch of cable and end springs at a uniform tension [m].
 
-    `wrap` is the sum of its bends [rad]; it matters only if there is clearance.
+    `wrap` is the sum of its bends [rad], times `clearance_factors`, of one T_c.
     """
     springs = linear_compliance(prm, 1) + linear_compliance(prm, 0)
     taut = prm[at.LENGTH] / prm[PLACE.axial_stiffness] + springs
-    own = _piece(prm, taut, prm[at.LENGTH], wrap, -1, 0.0)
+    play, seating = wrap * prm[PLACE.clearance], at.seating_factors(prm, n)[0]
+    seating *= prm[PLACE.seating_tension]
+    own = _piece(prm, taut, prm[at.LENGTH], play, seating, -1, 0.0, 1.0)
     return elastic.stretch_of(own, tension) + soft_rest_stretch(prm, tension)
 
 
@@ -242,7 +324,7 @@ def soft_rest_stretch(prm: FloatArray, tension: float) -> float:
     total = 0.0
     for end in range(2):
         if is_soft(prm, end):
-            own = _piece(prm, 0.0, 0.0, 0.0, end, 0.0)
+            own = _piece(prm, 0.0, 0.0, 0.0, 1.0, end, 0.0, 1.0)
             total += elastic.spring_between(own, 0.0, tension)
     return total
 

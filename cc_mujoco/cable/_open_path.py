@@ -40,6 +40,7 @@ import math
 
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.cable._path_geometry import Point, direction_to, dot, place_vector
@@ -53,6 +54,9 @@ from cc_mujoco.native import FloatArray, compiled, internal
 `_LENGTH` on they are remembered: length of the node, length of the span, what is
 touched, length before the geom, and, in the frame of the geom, place of the point
 touched first and direction in which the path arrives there. How many there are."""
+_BEND, _PLAY_FACTOR, _SEATING_FACTOR = _TOTAL, _TOUCH_POINT, _TOUCH_POINT + 1
+"""Rows that in a conduit have the angle of segments that the route bends [rad], and, of
+the reference, the factors on clearance."""
 _AS_REFERENCE, _NOT_TOUCHING, _STRAIGHT = 0.0, -1.0, 1.0
 """Values that `_TOUCH` may have, beside `SPHERE` and `CYLINDER`."""
 ROLLING = -1.0
@@ -374,6 +378,12 @@ def store_conduit(
     angles(reference, n)[:guided] = at.segment_angles(inside, guided)
     contacts(reference, n)[:guided] = at.contact_length(inside, guided)
     lengths(reference, n)[: guided + 1] = at.node_length(inside, guided)
+    play, seating = (
+        _row(reference, n, _PLAY_FACTOR),
+        _row(reference, n, _SEATING_FACTOR),
+    )
+    play[:guided] = at.clearance_factors(inside, guided)
+    seating[:guided] = at.seating_factors(inside, guided)
 
 
 @compiled
@@ -393,6 +403,11 @@ def pack_reference(
         whole += length[i]
     prm[at.LENGTH] = whole
     prm[at.GUIDED] = float(guided)
+    play, seating = at.clearance_factors(prm, n), at.seating_factors(prm, n)
+    play[:], seating[:] = 0.0, 1.0
+    for j in range(guided):
+        play[j] = _row(reference, n, _PLAY_FACTOR)[j]
+        seating[j] = _row(reference, n, _SEATING_FACTOR)[j]
     pack.pack_mesh(values, n, prm)
     pack.expect_change(prm)
     pack.expect_lengthening(prm)
@@ -411,10 +426,24 @@ def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) 
 
 
 @internal
+def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
+    """Keep the angles of a conduit that the route bends in the path to be saved."""
+    kept, angle = _row(shape, n, _BEND), angles(shape, n)
+    for j in range(guided):
+        kept[j] = angle[j]
+
+
+@internal
+def bends_of(shape: FloatArray, n: int) -> FloatArray:
+    """Return the remembered angles of segments in a conduit [rad], 0 if it is fixed."""
+    return _row(shape, n, _BEND)
+
+
+@internal
 def lay(
     prm: FloatArray,
     n: int,
-    tension: FloatArray,
+    state: FloatArray,
     shape: FloatArray,
     reference: FloatArray,
     memory: FloatArray,
@@ -422,12 +451,23 @@ def lay(
 ) -> bool:
     """Move a packed cable to a path; return whether a step depends on the change.
 
-    `tension` (n + 1,) [N] and `memory` are of the state, `shape` and `reference` the
-    path now and in the pose `qpos0`. `gained` is scratch (n + 1,).
+    `memory` is that of the `state`, `shape` and `reference` the path now and in the
+    pose `qpos0`. `gained` is scratch (n + 1,).
     """
+    tension = at.tensions(state, n)
+    nodes.recall_springs(prm, state)
     lengthen(shape, reference, memory, n, gained)
     before = previous_lengths(reference, memory, n)
     changed = moving_path.carry(prm, n, tension, before, lengths(shape, n), gained)
+    if memory[0] == 0.0:
+        moving_path.bend_conduit(
+            prm, n, tension, bends_of(reference, n), bends_of(shape, n)
+        )
+    else:
+        first = (_BEND - _LENGTH) * (n + 1)
+        moving_path.bend_conduit(
+            prm, n, tension, memory[first : first + n + 1], bends_of(shape, n)
+        )
     bends = pack.set_path(prm, n, angles(shape, n), contacts(shape, n))
     return changed or bends
 

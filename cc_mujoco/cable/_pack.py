@@ -9,7 +9,12 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._mesh import lay_segments, measure_conduit, segment_wraps
+from cc_mujoco.cable._mesh import (
+    lay_segments,
+    measure_conduit,
+    segment_wraps,
+    share_clearance,
+)
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 
@@ -78,8 +83,9 @@ def expect_lengthening(prm: FloatArray) -> None:
 def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     """Pack the parameters of a cable whose mesh is already in `out`.
 
-    The mesh is `segment_angles`, `node_length` and `contact_length` of `_layout.py`,
-    with the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
+    The mesh is `segment_angles`, `node_length`, `contact_length` and the factors on
+    clearance of `_layout.py`, with the entries `LENGTH`, the sum of the nodes, and
+    `GUIDED`.
     """
     for i in range(at.SCALARS):
         out[i] = values[i]
@@ -88,6 +94,7 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
     out[at.CURVED] = nodes.curvature(values)
     out[at.HELD_PROXIMAL] = out[at.HELD_DISTAL] = 0.0
+    out[at.RATIO_PROXIMAL] = out[at.RATIO_DISTAL] = 1.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     _update_for_angles(out, n)
     _update_for_lengths(out, n)
@@ -103,14 +110,18 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
 def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> None:
     """Pack the parameters of a cable for the kernel in `out`, of `parameter_size(n)`.
 
-    `values` are in the order of `PARAMETERS`, `sections` (m, 2) length and bend radius
-    [m], proximal to distal; inf: straight.
+    `values` are in the order of `PARAMETERS`, `sections` (m, 4) those of the cable,
+    proximal to distal.
     """
     total, _, even = measure_conduit(sections)
     contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
     edges = lengths  # until the segments have their lengths
     lay_segments(sections, n, edges)
     segment_wraps(sections, edges, at.segment_angles(out, n))
+    share_clearance(
+        sections, edges, at.segment_angles(out, n), at.clearance_factors(out, n),
+        at.seating_factors(out, n),
+    )  # fmt: skip
     for j in range(n):
         contacts[j] = total / n if even else edges[j + 1] - edges[j]
     for i in range(n + 1):
@@ -153,10 +164,11 @@ def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) 
 @internal
 def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> None:
     """Set the stretch of a cable at rest in bends of these angles (n,) [rad]."""
-    wrap = at.total(angles)
-    state[3] = nodes.rest_stretch(prm, wrap, prm[PLACE.pretension])
-    if prm[PLACE.clearance] > 0.0:
-        state[at.rest_wrap(n)] = wrap
+    rest = prm[PLACE.pretension]
+    state[3] = nodes.rest_stretch(prm, n, 0.0, rest)
+    state[3] += nodes.seated_stretch(prm, n, angles, rest)
+    if prm[PLACE.clearance] > 0.0 and prm[at.PATH_LENGTHENS] == 0.0:
+        state[at.rest_wrap(n)] = nodes.wrap_with_play(prm, n, angles)
 
 
 @compiled

@@ -26,7 +26,9 @@ that nodes lose to relaxation and clamps."""
 @internal
 def seats_anew(prm: FloatArray) -> bool:
     """Return whether changing bends redistribute the cable's clearance in them."""
-    return float(prm[at.BENDS_CHANGE]) != 0.0 and float(prm[PLACE.clearance]) > 0.0
+    lengthens = float(prm[at.PATH_LENGTHENS]) != 0.0  # `_open_path.lay` does it there
+    changes = float(prm[at.BENDS_CHANGE]) != 0.0 and not lengthens
+    return changes and float(prm[PLACE.clearance]) > 0.0
 
 
 @internal
@@ -77,13 +79,18 @@ def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
 def relax_stress(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Relax all parts of the cable equally, in `tension` [N] and `lost` stretch [m]."""
+    """Relax all parts of the cable equally, in `tension` [N] and `lost` stretch [m].
+
+    Clearance on a path that lengthens counts as in the present bends.
+    """
     time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
     after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + step.dt) / scale)
     rest, wrap = prm[PLACE.pretension], step.state[at.rest_wrap(n)]
-    grown = nodes.rest_stretch(prm, wrap, rest * before)
-    grown -= nodes.rest_stretch(prm, wrap, rest * after)
+    if prm[at.PATH_LENGTHENS] != 0.0:
+        wrap = nodes.wrap_with_play(prm, n, at.segment_angles(prm, n))
+    grown = nodes.rest_stretch(prm, n, wrap, rest * before)
+    grown -= nodes.rest_stretch(prm, n, wrap, rest * after)
     for i in range(n + 1):
         lost[i] = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
         tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -lost[i])

@@ -71,10 +71,18 @@ def guided_compliance(cable: Cable) -> Floats:
     return np.array([-nodes.node_stretch(prm, n, i, -1.0) for i in range(n + 1)])
 
 
-def slack_compliance(cable: Cable) -> tuple[Floats, float]:
-    """Return compliances of the nodes' springs [m/N], and of slack cable [1/N]."""
+def slack_compliance(
+    cable: Cable, packed: Floats | None = None
+) -> tuple[Floats, float]:
+    """Return compliances of the nodes' springs [m/N], and of slack cable [1/N].
+
+    `packed` are its parameters on its path, needed if it has clearance.
+    """
     springs = np.zeros(cable.segments + 1)
     springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
+    if packed is not None:
+        for i in range(springs.size):
+            springs[i] = -nodes.given_way(packed, cable.segments, i, -1.0)
     strain = 1.0 / cable.axial_stiffness
     if cable.bedding_strain > 0.0:
         strain += cable.bedding_strain / cable.bedding_tension
@@ -107,10 +115,12 @@ def _read(
             tension[row, i] = 0.0 if node[i] < 0.0 else node[i]
         for i in range(n + 1):
             if not node[i] >= 0.0:
-                slack -= node[i] * compliance[i]
+                given = node[i] * compliance[i]
                 if lengths >= 0:
-                    stretched = 1.0 + node[i] * strain
-                    slack += states[row, lengths + i] * (1.0 / stretched - 1.0)
+                    length, stretched = states[row, lengths + i], 1.0 + node[i] * strain
+                    slack += (length - given) / stretched - length
+                else:
+                    slack -= given
         for j in range(n):
             slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
             moving += slipped[j] != 0.0

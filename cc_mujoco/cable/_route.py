@@ -42,7 +42,7 @@ class Route:
     guides: Floats
     """Guides of an open path, see `_open_path.measure` (n,)."""
     reference: Floats
-    """Open path in the pose `qpos0`, see `_open_path.measure`."""
+    """Path in the pose `qpos0`: bends, or those of `_open_path.measure`."""
 
     def reference_of(self, cable: Cable) -> Floats:
         """Return `reference` with the conduit of `cable`, which may differ."""

@@ -209,7 +209,7 @@ def joint_spring(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> Flo
     """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`."""
     spring = np.zeros(guard.SPRING_SIZE)
     for one in cables:
-        sections = np.array(one.cable.conduit, dtype=float).reshape(-1, 2)
+        sections = np.array(one.cable.conduit, dtype=float)
         add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
     spring[guard.STIFFNESS] = joint_stiffness(cables, limits) if cables else 0.0
     return spring
@@ -237,14 +237,8 @@ def soft_compliance(prm: FloatArray, n: int, tension: float) -> float:
 
     It is their stretch over that tension. `prm` is packed, `n` its number of segments.
     """
-    springs = nodes.rest_spring_stretch(prm, tension) / tension
-    if prm[PLACE.clearance] == 0.0:
-        return springs
-    wrap, angle = 0.0, segment_angles(prm, n)
-    for j in range(n):
-        wrap += angle[j]
-    seated = tension + prm[PLACE.seating_tension]
-    return float(springs + wrap * prm[PLACE.clearance] / seated)
+    seated = nodes.seated_stretch(prm, n, segment_angles(prm, n), tension)
+    return float((nodes.rest_spring_stretch(prm, tension) + seated) / tension)
 
 
 @compiled

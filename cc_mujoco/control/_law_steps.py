@@ -24,6 +24,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
+from cc_mujoco.cable._mesh import SECTION_SIZE
 from cc_mujoco.cable._parameter import parameter, parameters_of
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
@@ -284,7 +285,7 @@ def wrong_parameters(
         return 0
     cables, first, end = shape[0], gains, gains
     for k in range(cables):
-        end += 2 + SCALARS + 2 * shape[1 + cables + k]
+        end += 2 + SCALARS + SECTION_SIZE * shape[1 + cables + k]
     wrong = _first_out_of_range(first, end, parameters, least, most)
     if wrong != 0:
         return wrong
@@ -296,7 +297,7 @@ def wrong_parameters(
             return first + 3 + int(PLACE.static_friction)
         if values[PLACE.tension_exponent] != 0.0 and values[PLACE.pretension] == 0.0:
             return first + 3 + int(PLACE.tension_exponent)
-        first += 2 + SCALARS + 2 * shape[1 + cables + k]
+        first += 2 + SCALARS + SECTION_SIZE * shape[1 + cables + k]
     return _first_out_of_range(end, parameters.size, parameters, least, most)
 
 
@@ -322,10 +323,10 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         cables.proximal[k], cables.distal[k] = parameters[first], parameters[first + 1]
         sections = shape[1 + shape[0] + k]
         values = part(parameters, first + 2, SCALARS)
-        bends = rows_of(parameters, first + 2 + SCALARS, sections, 2)
+        bends = rows_of(parameters, first + 2 + SCALARS, sections, SECTION_SIZE)
         kernel.pack(values, bends, cables.n[k], cables.prm[k])
         add_preload(values, bends, cables.distal[k], spring)
-        first += 2 + SCALARS + 2 * sections
+        first += 2 + SCALARS + SECTION_SIZE * sections
     limits = guard.limits_of(part(memory, GAINS, CABLES - GAINS))
     spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
 

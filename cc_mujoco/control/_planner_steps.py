@@ -24,6 +24,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS, segment_angles, slips
+from cc_mujoco.cable._mesh import SECTION_SIZE
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
@@ -95,7 +96,7 @@ def places(shape: IntArray) -> tuple[int, int, int]:
     given = LAW + kept + delays
     first = given
     for k in range(cables):
-        first += 2 + SCALARS + 2 * shape[1 + cables + k] + sensors
+        first += 2 + SCALARS + SECTION_SIZE * shape[1 + cables + k] + sensors
     size = first + cables * (6 * kernel.state_size(most) + kernel.parameter_size(most))
     size += kept + 4 * cables + SCALARS + delays * planner_memory.OBSERVER_SIZE
     size += 3 * (knots + 1) + (4 + planner_memory.WORK_ROWS + knots) * knots
@@ -188,7 +189,7 @@ def _planned(planner: Planner, data: LawData) -> float:
     for k in range(cables.n.size):
         n, sections = cables.n[k], shape[1 + cables.n.size + k]
         values = part(given, place + 2, SCALARS)
-        conduit = rows_of(given, place + 2 + SCALARS, sections, 2)
+        conduit = rows_of(given, place + 2 + SCALARS, sections, SECTION_SIZE)
         cables.proximal[k], cables.distal[k] = given[place], given[place + 1]
         # Packing a cable for every last bit would take longer than stepping it.
         has_changed = abs(planner.friction[1, k] / factors[k] - 1.0) > 0.01
@@ -202,7 +203,7 @@ def _planned(planner: Planner, data: LawData) -> float:
                 kernel.expect_change(prm)
         if has_parameters:
             add_preload(values, conduit, cables.distal[k], spring)
-        place += 2 + SCALARS + 2 * sections
+        place += 2 + SCALARS + SECTION_SIZE * sections
     if has_parameters:
         limits = guard.limits_of(planner.tune)
         spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
@@ -272,7 +273,7 @@ def step_sensed(data: LawData) -> float:
         found = known[k, COEFFICIENT]
         found = max(found, MIN_BELIEVED_FRICTION)
         planner.friction[1, k] = found / believed
-        place += 2 + SCALARS + 2 * shape[1 + count + k]
+        place += 2 + SCALARS + SECTION_SIZE * shape[1 + count + k]
     torque = _planned(planner, data)
     if memory[since] == 0.0:
         taps = Taps(

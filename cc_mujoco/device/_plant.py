@@ -528,7 +528,8 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> tuple[Section, ...]:
     if "length" in own:
         longer = float(own["length"]) / cable.length
         sections = tuple(
-            Section(longer * x.length, longer * x.radius) for x in sections
+            x._replace(length=longer * x.length, radius=longer * x.radius)
+            for x in sections
         )
     total = sum(s.length for s in sections)
     if "loops" in own:
@@ -543,5 +544,5 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> tuple[Section, ...]:
     elif "bend_radius" in own:
         bent = float(own["bend_radius"])
         radii = [bent if radius < math.inf else radius for radius in radii]
-    lengths = (s.length for s in sections)
-    return tuple(map(Section, lengths, radii))
+    bends = zip(sections, radii, strict=True)
+    return tuple(section._replace(radius=radius) for section, radius in bends)

@@ -25,7 +25,7 @@ import numpy as np
 
 from cc_mujoco._utils.arguments import numbers, require_kind
 from cc_mujoco._validation import require_dictionary, require_list
-from cc_mujoco.cable import PARAMETERS, Parameter, Section, Transmission
+from cc_mujoco.cable import PARAMETERS, Parameter, Transmission
 from cc_mujoco.cable._pulleys import PULLEYS
 from cc_mujoco.errors import CableError, CableWarning, look_up, shown
 from cc_mujoco.estimation._least_squares import (
@@ -224,7 +224,7 @@ class _Model:
             values["static_friction"] = max(values["static_friction"], least)
         cables = []
         for cable in self.transmission.cables:
-            bent = [Section(s.length, s.radius / scale) for s in cable.conduit]
+            bent = [s._replace(radius=s.radius / scale) for s in cable.conduit]
             cables.append(cable.replace(conduit=tuple(bent), **values))
         return replace(self.transmission, cables=tuple(cables), **radii)
 

@@ -432,3 +432,8 @@ def _cable_parameters(
             f"{name}_radius_{i}", "m", least, math.inf, next(values),
             "its bend radius; infinite where it is straight",
         )  # fmt: skip
+        for factor, low in (("clearance", 0.0), ("seating_tension", least)):
+            yield Field(
+                f"{name}_{factor}_{i}", "1", low, most, next(values),
+                f"factor on {factor} in it",
+            )  # fmt: skip

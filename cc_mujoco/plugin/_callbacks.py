@@ -34,6 +34,7 @@ from mujoco.introspect.enums import ENUMS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
@@ -63,7 +64,7 @@ def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
     """
     attributes = ffi.attributes(model, instance)
     values = np.empty(config.SCALARS)
-    sections = np.empty((MAX_SECTIONS, 2))
+    sections = np.empty((MAX_SECTIONS, config.SECTION_SIZE))
     key, _ = config.read(attributes, values, sections)
     if key != config.VALID_CONFIGURATION:
         return key
@@ -174,6 +175,7 @@ def compliance(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> No
         reference = blocks.shape(block, blocks.REFERENCE_STAGE)
         memory = blocks.path_memory(at_state, n)
         before = open_path.previous_lengths(reference, memory, n)
+        nodes.recall_springs(prm, state)
         moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
     found = ffi.floats(out, n + 2)
     found[: n + 1] = layout.node_compliance(prm, n)

@@ -17,6 +17,7 @@ from cc_mujoco.cable import _cable as cable
 from cc_mujoco.cable._cable import KEYS, PARAMETERS
 from cc_mujoco.cable._friction import DRAG_TERMS
 from cc_mujoco.cable._layout import SCALARS as SCALARS
+from cc_mujoco.cable._mesh import SECTION_SIZE as SECTION_SIZE
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.native import FloatArray, compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
@@ -102,7 +103,6 @@ def _allowed_values() -> tuple[str, ...]:
     own["route"] = "the name of a spatial tendon of the model"
     for key in cable.OF_A_CONDUIT:
         own[key] += ", and 0 (off) where `path` is `open`"
-    own["clearance"] += ", and 0 (off) where `path` is not `guided`"
     own["eccentricity"] += ", less than the `gear` of the proximal end"
     own["ovality"] += (
         ", and its sum with `eccentricity` less than the `gear` of the proximal end"
@@ -110,6 +110,7 @@ def _allowed_values() -> tuple[str, ...]:
     for key, before in (
         ("static_friction", "0 (off) or at least `friction`"),
         ("tension_exponent", "0 (off) where `pretension` is 0"),
+        ("stress_relaxation", "0 (off) where sections differ in `seating_tension`"),
     ):
         own[key] = f"{before}, and {own[key]}"
     return tuple(own[key] for key in KEYS)
@@ -176,7 +177,7 @@ def is_mixed(block: int) -> bool:
 @internal
 def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
-    sections = np.empty((cable.MAX_SECTIONS, 2))
+    sections = np.empty((cable.MAX_SECTIONS, SECTION_SIZE))
     count = _sections(key_text(block, KEY.conduit), sections)
     total = 0.0
     for i in range(count):
@@ -192,20 +193,27 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
             i += 1
         if i == written.size:
             return count
-        begin, colon = i, -1
-        while i < written.size and not is_space(written[i]):
-            if written[i] == 58 and colon < 0:
-                colon = i
-            i += 1
-        if colon < 0 or count == cable.MAX_SECTIONS:
+        if count == cable.MAX_SECTIONS:
             return 0
-        length = number(written[begin:colon])
-        bend = written[colon + 1 : i]
-        radius = math.inf if equal_text(bend, "inf") else number(bend)
+        begin, parts, ended = i, 0, False
+        sections[count, 2] = sections[count, 3] = 1.0
+        while not ended:
+            ended = i == written.size or is_space(written[i])
+            if ended or written[i] == 58:
+                if parts == SECTION_SIZE:
+                    return 0
+                word = written[begin:i]
+                straight = parts == 1 and equal_text(word, "inf")
+                sections[count, parts] = math.inf if straight else number(word)
+                parts += 1
+                begin = i + 1
+            if not ended:
+                i += 1
+        length, radius = sections[count, 0], sections[count, 1]
+        if parts != 2 and parts != SECTION_SIZE:
+            return 0
         if not (0.0 < length <= cable.MAX_LENGTH and length <= cable.MAX_WRAP * radius):
             return 0
-        sections[count, 0] = length
-        sections[count, 1] = radius
         count += 1
 
 
@@ -265,9 +273,10 @@ def explain(message: Message, block: int, key: int) -> None:
 def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, int]:
     """Read the configuration of an instance from the attributes at address `block`.
 
-    Write the scalar parameters, in the order of `PARAMETERS`, to `values`, and lengths
-    and bend radii [m] to `sections` (`MAX_SECTIONS`, 2). Return the index of the first
-    key that cannot be used or `VALID_CONFIGURATION`, and the number of sections.
+    Write the scalar parameters, in the order of `PARAMETERS`, to `values`, and the
+    sections of the conduit to `sections` (`MAX_SECTIONS`, `SECTION_SIZE`). Return the
+    index of the first key that cannot be used or `VALID_CONFIGURATION`, and the number
+    of sections.
     """
     for key in range(SCALARS):
         written = key_text(block, key)
@@ -311,7 +320,14 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
     for key in _OF_A_CONDUIT:
         if values[key] != 0.0 and equal_text(path, cable.PATHS[1]):
             return key, 0
-    if values[KEY.clearance] > 0.0 and free:
-        return KEY.clearance, 0
     count = _sections(key_text(block, KEY.conduit), sections)
+    for s in range(count):
+        play, seating = sections[s, 2], sections[s, 3]
+        allowed = 0.0 <= play and 0.0 < seating
+        for key, factor in ((KEY.clearance, play), (KEY.seating_tension, seating)):
+            allowed = allowed and values[key] * factor <= _SCALARS.high[key]
+        if not allowed:
+            return KEY.conduit, 0
+        if values[KEY.stress_relaxation] > 0.0 and seating != sections[0, 3]:
+            return KEY.stress_relaxation, 0
     return (VALID_CONFIGURATION if count > 0 else KEY.conduit), count

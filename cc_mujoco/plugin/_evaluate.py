@@ -34,7 +34,7 @@ def pack(block: Block, model: MjModel, instance: int) -> bool:
     attributes = ffi.attributes(model, instance)
     n = block.segments
     values = np.empty(config.SCALARS)
-    sections = np.empty((MAX_SECTIONS, 2))
+    sections = np.empty((MAX_SECTIONS, config.SECTION_SIZE))
     key, count = config.read(attributes, values, sections)
     blocks.invalidate(block)
     block.path_evaluation = block.text_size = block.other_kind = 0
@@ -249,8 +249,13 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
         first = blocks.shape(block, blocks.REFERENCE_STAGE)
         length = layout.total(open_path.lengths(blocks.shape(block, 0), n))
         out = max(paid[0], 0.0) + max(paid[1], 0.0)
-        rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
+        rope = layout.total(open_path.lengths(first, n)) + out
         rope -= nodes.rest_spring_stretch(prm, prm[PLACE.pretension])
+        bends = open_path.angles(first, n)
+        if block.bends_with_route == 1:
+            bends = open_path.bends_of(first, n)
+        rope -= nodes.seated_stretch(prm, n, bends, prm[PLACE.pretension])
+        rope /= mounted
         wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
@@ -277,8 +282,8 @@ def _even_tension(
     """Return the uniform tension of a cable at rest [N], negative if it is slack.
 
     `path` is the length of an open path [m], or 0 in a conduit. `rope` [m] is, on an
-    open path, the unstretched length of the cable and of rope wound up, less the
-    stretch of the springs at its ends; in a conduit, the stretch of cable and springs.
+    open path, the unstretched length of the cable and of rope wound up; in a conduit,
+    the stretch of cable and springs.
     `wound` is the stretched length of rope that drums have wound up [m].
     """
     if not np.isfinite(path + rope + wound):
@@ -301,14 +306,14 @@ def _even_tension(
 def _is_longer(
     prm: FloatArray, n: int, path: float, rope: float, wound: float, tension: float
 ) -> bool:
+    seated = nodes.seated_stretch(prm, n, layout.segment_angles(prm, n), tension)
     if path == 0.0:
-        wrap = layout.total(layout.segment_angles(prm, n))
-        return nodes.rest_stretch(prm, wrap, tension) >= rope
+        return nodes.rest_stretch(prm, n, 0.0, tension) + seated >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
     springs = nodes.rest_spring_stretch(prm, tension)
     # A rope that drums have wound up entirely is this part of its path long.
     left = max(rope - wound / _wound_ratio(prm, tension), 1e-3 * path)
-    return ratio > 0.0 and ratio * (left + springs) >= path
+    return ratio > 0.0 and ratio * left + springs + seated >= path
 
 
 @internal

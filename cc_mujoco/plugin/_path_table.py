@@ -26,7 +26,7 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._mjcf import cable_of, instances
-from cc_mujoco.plugin._routing import follow
+from cc_mujoco.plugin._routing import follow, set_reference
 
 
 def compute_path_table(
@@ -236,3 +236,8 @@ def _read(
     if blocks.is_open(block):
         guides[:] = blocks.path_of(block, 0).guides
         reference[:] = blocks.shape(block, blocks.REFERENCE_STAGE)
+    else:
+        if block.reference_known == 0:
+            set_reference(block, model, data)
+        n = block.segments
+        reference[:n] = blocks.shape(block, blocks.REFERENCE_STAGE)[:n]

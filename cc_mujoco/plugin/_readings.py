@@ -31,6 +31,7 @@ from cc_mujoco.cable._reading import CableReading as CableReading
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._mjcf import cable_of, instances
+from cc_mujoco.plugin._path_table import routes
 from cc_mujoco.plugin._registration import plugin_function
 
 
@@ -94,7 +95,10 @@ class Reader:
         if cable.path != PATHS[0]:
             # The first that is remembered of a path, see `_instance_data.path_memory`.
             lengths = self.start + kernel.state_size(cable.segments) + PATH_MEMORY
-            self._given = self.start, *slack_compliance(cable), lengths
+            packed = None
+            if cable.clearance > 0.0:
+                packed = routes(model, {name: cable})[name].packed(cable)
+            self._given = self.start, *slack_compliance(cable, packed), lengths
         self._total = int(model.npluginstate)
 
     def read(self, plugin_state: FloatArray) -> CableReading:

@@ -9,7 +9,7 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
-from cc_mujoco.native import internal
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
@@ -36,30 +36,40 @@ def _exchange_mocap(model: MjModel, data: MjData, held: ffi.FloatMatrix) -> None
 @internal
 def _survey(
     block: Block, model: MjModel, data: MjData, stage: int, known: bool
-) -> None:
+) -> float:
     """Measure an open path at the last evaluated position and store it as a stage.
 
-    `known` is false while the path in `qpos0` is measured, from which the part inside
-    the conduit is copied otherwise.
+    Return its length from the mouth on [m]. `known` is false while the path in `qpos0`
+    is measured, from which the part inside the conduit is copied otherwise.
     """
     led = blocks.path_of(block, stage)
     reach = path.measure_path(model, data, led)
     if not known:
-        return
+        return float(reach)
     reference = blocks.shape(block, blocks.REFERENCE_STAGE)
     open_path.keep_conduit(led.measured, reference, led.n, led.guided)
     if block.bends_with_route == 1:
-        length = data.ten_length[led.tendon] - reach
-        contact = open_path.contacts(reference, led.n)[: led.guided]
-        angles = led.measured[: led.guided]
-        path.bend(model, data, led.tendon, led.mouth + 1, length, contact, angles)
+        _bend_inside(block, model, data, reach, led.measured[: led.guided])
+        open_path.remember_bends(led.measured, led.n, led.guided)
+    return float(reach)
+
+
+@internal
+def _bend_inside(
+    block: Block, model: MjModel, data: MjData, reach: float, angles: FloatArray
+) -> None:
+    """Store the wrap angles [rad] of the conduit up to the mouth of a mixed path."""
+    reference = blocks.shape(block, blocks.REFERENCE_STAGE)
+    contact = open_path.contacts(reference, block.segments)[: block.guided]
+    length = data.ten_length[block.route] - reach
+    path.bend(model, data, block.route, block.mouth + 1, length, contact, angles)
 
 
 @internal
 def seats_with_route(block: Block) -> bool:
-    """Return whether a cable has clearance in a conduit that bends with its route."""
-    clearance = blocks.parameters(block)[config.KEY.clearance]
-    return bool(block.bends_with_route == 1 and clearance > 0.0)
+    """Return whether only the state knows the clearance that a moving route takes."""
+    guided = block.bends_with_route == 1 and not blocks.is_open(block)
+    return guided and bool(blocks.parameters(block)[config.KEY.clearance] > 0.0)
 
 
 @internal
@@ -85,15 +95,18 @@ def set_reference(block: Block, model: MjModel, data: MjData) -> None:
     ffi.evaluate_tendons(model, data)
     blocks.shape(block, blocks.REFERENCE_STAGE)[:] = 0.0
     if blocks.is_open(block):
-        _survey(block, model, data, blocks.REFERENCE_STAGE, False)
+        reach = _survey(block, model, data, blocks.REFERENCE_STAGE, False)
+        _make_mesh(block, model, data)
+        if block.bends_with_route == 1:
+            reference = blocks.shape(block, blocks.REFERENCE_STAGE)
+            bends = open_path.bends_of(reference, block.segments)
+            _bend_inside(block, model, data, reach, bends[: block.guided])
     else:
         _bend(block, model, data, blocks.REFERENCE_STAGE)
     data.qpos[: model.nq] = kept
     _exchange_mocap(model, data, held)
     ffi.evaluate_bodies(model, data)
     ffi.evaluate_tendons(model, data)
-    if blocks.is_open(block):
-        _make_mesh(block, model, data)
     ffi.free_stack(data)
     blocks.invalidate(block)
     block.reference_known = 1
@@ -103,7 +116,7 @@ def set_reference(block: Block, model: MjModel, data: MjData) -> None:
 def _make_mesh(block: Block, model: MjModel, data: MjData) -> None:
     n, guided = block.segments, block.guided
     values = np.empty(config.SCALARS)
-    sections = np.empty((MAX_SECTIONS, 2))
+    sections = np.empty((MAX_SECTIONS, config.SECTION_SIZE))
     attributes = ffi.attributes(model, block.instance)
     _, count = config.read(attributes, values, sections)
     reference = blocks.shape(block, blocks.REFERENCE_STAGE)
@@ -120,9 +133,9 @@ def lay(block: Block, stage: int, state: int) -> None:
     n, prm, shape = block.segments, blocks.parameters(block), blocks.shape(block, stage)
     if blocks.is_open(block):
         reference = blocks.shape(block, blocks.REFERENCE_STAGE)
-        tension = layout.tensions(blocks.kernel_state(state, n), n)
+        whole = blocks.kernel_state(state, n)
         memory, gained = blocks.path_memory(state, n), blocks.node_scratch(block)
-        changed = open_path.lay(prm, n, tension, shape, reference, memory, gained)
+        changed = open_path.lay(prm, n, whole, shape, reference, memory, gained)
     else:
         changed = prepare.set_path(prm, n, shape, layout.contact_length(prm, n))
     if changed:

@@ -180,7 +180,7 @@ def _no_effect_reason(
 def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
     """Warn, once, of each key of an open cable that changes nothing on its path."""
     values = np.empty(config.SCALARS)
-    sections = np.empty((MAX_SECTIONS, 2))
+    sections = np.empty((MAX_SECTIONS, config.SECTION_SIZE))
     config.read(ffi.attributes(model, instance), values, sections)
     guides, mouth = blocks.path_of(block, 0).guides, block.mouth
     start, arcs, places = model.tendon_adr[block.route] + max(mouth, 1), 0, 0

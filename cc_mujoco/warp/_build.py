@@ -34,7 +34,8 @@ FUNCTIONS: tuple[Any, ...] = (
 PATH_FUNCTIONS: tuple[Any, ...] = (
     geometry.bend, open_path.measure, open_path.keep_conduit, open_path.lay,
     open_path.contacts, open_path.save_path, open_path.pull_forces, pack.set_path,
-    open_path.pack_reference, pack.expect_change, at.contact_length, at.tensions,
+    open_path.pack_reference, open_path.remember_bends, pack.expect_change,
+    pack.rest_in, at.contact_length, at.tensions,
 )  # fmt: skip
 """Those that kernels of cables that a tendon leads call too."""
 

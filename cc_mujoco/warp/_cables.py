@@ -151,7 +151,9 @@ class AttachedCables:
         nv = int(self._model.nv)
         is_followed = bool((held & ~tied).any())
         self._needs_qpos0 = not rest_in_pose and (
-            is_followed or self._paths.lengthens != 0.0
+            is_followed
+            or self._paths.lengthens != 0.0
+            or (self._paths.led and "clearance" in self.terms)
         )
         rows.slope = wp.zeros((2, 2 * height, nv if is_followed else 0), **reals)
         rows.aim = wp.zeros((height, 9), **reals)
@@ -380,7 +382,8 @@ class AttachedCables:
         if cable.path == PATHS[0] or self._led is None:
             return reading.read_states(states, 0, reading.guided_compliance(cable))
         lengths = self._pending_path(index)[:, : cable.segments + 1]
-        compliance, strain = reading.slack_compliance(cable)
+        packed = self._packed(index, cable)
+        compliance, strain = reading.slack_compliance(cable, packed)
         start = states.shape[1]
         return reading.read_states(
             np.hstack([states, lengths]), 0, compliance, strain, lengths=start

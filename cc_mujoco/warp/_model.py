@@ -111,11 +111,6 @@ def require_routes(cables: Mapping[str, Cable], routes: Mapping[str, Route]) -> 
                     "of a scene with the plugin; attach that scene, or use "
                     f"{key}={usual!r}"
                 )
-        if cable.bend != BENDS[0] and cable.clearance > 0.0:
-            raise CableError(
-                f"cable {name!r}: `clearance` must be 0 (off) here where `bend` is "
-                f"{cable.bend!r}; MuJoCo's plugin has both"
-            )
 
 
 def require_plain(

@@ -98,7 +98,7 @@ def _draw(
 def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleNamespace:
     own = functions(wp.float32, terms, yields, kind)
     has_open = kind.lengthens != 0.0
-    has_bends = kind.bent
+    has_bends, has_play = kind.bent, "clearance" in terms
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def survey(
@@ -133,6 +133,7 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                             places, mouth + 1, lengths[world, tendon] - reach,
                             own.contacts(reference, n), guided, shape,
                         )  # fmt: skip
+                        own.remember_bends(shape, n, guided)
                 return
         if wp.static(has_bends):
             inside = own.contact_length(rows.prm[row], n)
@@ -154,13 +155,21 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                         for i in range(paths.memory.shape[2]):
                             paths.memory[now, row, i] = 0.0
                 own.lay(
-                    prm, n, own.tensions(rows.state[now, row], n), shape,
-                    paths.reference[row], paths.memory[now, row], paths.gained[row],
+                    prm, n, rows.state[now, row], shape, paths.reference[row],
+                    paths.memory[now, row], paths.gained[row],
                 )  # fmt: skip
                 own.save_path(shape, n, paths.memory[1 - now, row])
                 return
         if wp.static(has_bends):
             own.set_path(prm, n, shape, own.contact_length(prm, n))
+            if wp.static(has_play):
+                if rows.fresh[row] == RESET:
+                    # Mounted in the bends of the pose.
+                    if rows.rest_in_pose:
+                        own.rest_in(prm, n, shape, rows.state[now, row])
+                    else:
+                        bends = paths.reference[row]
+                        own.rest_in(prm, n, bends, rows.state[now, row])
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pull(

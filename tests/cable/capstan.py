@@ -69,7 +69,7 @@ def build_route(
 ) -> Route:
     """Lay (length, radius) sections, radius inf when straight, along the angle."""
     angle, density, lump = [0.0], [], [0.0]
-    for length, radius in sections:
+    for length, radius, *_ in sections:
         turn = friction * length / radius
         if turn > 0.0:
             angle.append(angle[-1] + turn)

@@ -127,7 +127,7 @@ class Continuum:
         self.friction = friction
         self.route = build_route(sections, friction, axial_stiffness)
         self._whole = {sign: Whole(self.route, sign) for sign in (1.0, -1.0)}
-        compliance = sum(length for length, _ in sections) / axial_stiffness
+        compliance = sum(length for length, *_ in sections) / axial_stiffness
         self.stretch = pretension * compliance
         self.profile: Profile | None = None
         if pretension > 0.0:
@@ -140,7 +140,7 @@ class Continuum:
         if self.profile is None:
             return 0.0
         angle = 0.0
-        for length, radius in self.sections:
+        for length, radius, *_ in self.sections:
             angle += self.friction * min(position, length) / radius
             position = max(position - length, 0.0)
         return self.profile.at(angle)
@@ -241,7 +241,7 @@ def solve(
         Tension at the proximal and at the distal end [N], (n,) each.
     """
     cable = Continuum(sections, friction, axial_stiffness, pretension)
-    length = sum(length for length, _ in sections)
+    length = sum(length for length, *_ in sections)
     steps = np.diff(np.stack([u_proximal, u_distal]), axis=1).T
     tension = np.full((len(steps) + 1, 2), pretension, dtype=np.float64)
     for row, (proximal, distal) in zip(tension[1:], steps.tolist(), strict=True):

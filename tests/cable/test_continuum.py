@@ -29,7 +29,7 @@ CABLES = {
 
 def rest_stretch(name: str) -> float:
     sections, _, stiffness, pretension = CABLES[name]
-    return pretension * sum(length for length, _ in sections) / stiffness
+    return pretension * sum(length for length, *_ in sections) / stiffness
 
 
 def stretch_along(cable: Continuum, stiffness: float, points: int = 20_001) -> float:
@@ -85,7 +85,7 @@ def test_full_slip_ratio_is_the_capstan_factor(cable: str, direction: float) -> 
     sections, friction, stiffness, pretension = CABLES[cable]
     u = direction * np.linspace(0.0, 1.0, 30)
     proximal, distal = solve(sections, friction, stiffness, pretension, u, u)
-    wrap = sum(length / radius for length, radius in sections)
+    wrap = sum(length / radius for length, radius, *_ in sections)
     factor = np.exp(direction * friction * wrap)
     np.testing.assert_allclose(distal[1:] / proximal[1:], factor, rtol=1e-12)
 
@@ -110,10 +110,10 @@ def test_equal_pull_at_both_ends_leaves_the_null_point_in_the_middle(
     sections: list[tuple[float, float]],
 ) -> None:
     cable = Continuum(sections, 0.2, 4e3, 10.0)
-    length = sum(length for length, _ in sections)
+    length = sum(length for length, *_ in sections)
     for _ in range(50):
         cable.move(-1e-3, 1e-3)
-    wrap = 0.2 * sum(length / radius for length, radius in sections)
+    wrap = 0.2 * sum(length / radius for length, radius, *_ in sections)
     ends, middle = cable.tension(0.0), cable.tension(0.5 * length)
     assert cable.tension(length) == pytest.approx(ends, rel=1e-12)
     assert ends / middle == pytest.approx(np.exp(0.5 * wrap), rel=1e-12)

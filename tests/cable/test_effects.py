@@ -404,6 +404,78 @@ def test_clearance_of_the_thesis_hardware_is_millimetres_of_lost_motion(
     assert ways[1] - ways[0] == pytest.approx(lost, abs=1e-4)
 
 
+OWN_PLAY = (
+    Section(0.5, math.inf), Section(0.5, 0.25), Section(0.6, 0.2, 0.5, 3.0),
+    Section(0.4, 0.5, 2.0, 0.5),
+)  # fmt: skip
+"""Sections, two of them with their own clearance and seating tension."""
+
+
+def summed_stretch(cable, tension):
+    """Stretch of a cable without friction, each section with its own clearance [m]."""
+    stretch = tension * cable.length / cable.axial_stiffness
+    for length, radius, clearance, seating in cable.conduit:
+        half = seating * cable.seating_tension
+        play = clearance * cable.clearance * length / radius
+        stretch = stretch + play * tension / (tension + half)
+    return stretch
+
+
+@pytest.mark.parametrize("sections", [OWN_PLAY[2:3], OWN_PLAY], ids=["one", "all"])
+def test_clearance_of_sections_adds_up(sections):
+    """A segment over two sections has the sum of taut plays and slack compliances."""
+    errors = []
+    for segments in (10, 20, 80):
+        cable = BENT.replace(
+            friction=0.0, conduit=sections, segments=segments, clearance=1e-3
+        )
+        pulled = np.linspace(0.0, 0.05, 300)
+        motion = replay(cable, 1e-3, u_proximal=-pulled, u_distal=0.0 * pulled)
+        stretch = summed_stretch(cable, motion.tension_distal)
+        error = stretch - summed_stretch(cable, 10.0) - pulled
+        errors.append(np.abs(error).max())
+    assert errors[0] < 1e-4
+    assert errors[2] < (1e-7 if len(sections) == 1 else 0.2 * errors[0])
+
+
+def test_sections_that_say_nothing_have_the_clearance_of_the_cable():
+    ends = np.sin(np.linspace(0.0, 9.0, 400)) * [[6e-3], [4e-3]]
+    given = {"conduit": OWN_PLAY, "segments": 20}
+    plain = tuple(s._replace(clearance=1.0, seating=1.0) for s in OWN_PLAY)
+    for one, other, same in (
+        (given, given | {"conduit": plain}, True),
+        (
+            given | {"clearance": 1e-3},
+            given | {"clearance": 1e-3, "conduit": plain},
+            False,
+        ),
+    ):
+        found, wanted = (
+            replay(BENT.replace(**keys), 1e-3, u_proximal=ends[0], u_distal=ends[1])
+            for keys in (one, other)
+        )
+        assert np.array_equal(found.tension_distal, wanted.tension_distal) == same
+        assert np.array_equal(found.dissipated, wanted.dissipated) == same
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_closed_motion_gives_back_what_clearance_of_sections_stores(friction):
+    """Without friction all of it, else all but the heat."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 4001)
+    cable = BENT.replace(
+        friction=friction, conduit=OWN_PLAY, segments=20, clearance=1e-3
+    )
+    near, far = -8e-3 * (1.0 - np.cos(turn)), 5e-3 * np.sin(turn)
+    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    work = trapezoid(motion.tension_distal, far)
+    work -= trapezoid(motion.tension_proximal, near)
+    heat = motion.dissipated[-1]
+    stored = motion.stored[-1] - motion.stored[0]
+    assert work[-1] - stored == pytest.approx(heat, abs=1e-5 * motion.stored.max())
+    if friction == 0.0:
+        assert heat == pytest.approx(0.0, abs=1e-6)
+
+
 ANCHORS = ("end", "proximal")
 
 

@@ -21,6 +21,8 @@ ROWS_OF_PARAMETERS = (
     layout.half_compliance,
     layout.carried_path,
     layout.carried_cable,
+    layout.clearance_factors,
+    layout.seating_factors,
 )
 ROWS_OF_STATE = (
     layout.tensions,
@@ -48,6 +50,8 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             layout.CURVED,
             layout.HELD_PROXIMAL,
             layout.HELD_DISTAL,
+            layout.RATIO_PROXIMAL,
+            layout.RATIO_DISTAL,
         ]
     ]
     rows = [layout.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

@@ -129,11 +129,26 @@ def test_a_conduit_that_is_text_is_pointed_to_where_it_is_read() -> None:
         "inf:1",
         "2:0.3,1:1",
         "800:150",
+        "1:0.3:1",
+        "1:0.3:1:1:1",
+        "1:0.3:-1:1",
+        "1:0.3:1:0",
+        "1:0.3:1e9:1",
+        "1:0.3:1:1e9",
+        "1:0.3:inf:1",
+        "1:0.3:1:",
     ],
 )
 def test_a_bad_conduit_is_refused(text):
     with pytest.raises(ValueError, match=r"`conduit` .*length:radius"):
-        Cable.from_config({"conduit": text})
+        Cable.from_config({"conduit": text, "clearance": "1e-3"})
+
+
+def test_relaxation_needs_one_seating_tension():
+    wide = Cable(clearance=1e-3, conduit=((1.0, 0.3), (1.0, 0.3, 1.0, 2.0)))
+    allowed = "`stress_relaxation` is 0.1; it must be 0 .off. where sections differ in"
+    with pytest.raises(CableError, match=allowed):
+        wide.replace(stress_relaxation=0.1)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +159,7 @@ def test_a_bad_conduit_is_refused(text):
         ({"bend": "route"}, "`bend` is 'route' but `route` is empty"),
         (
             {"path": "open", "route": "path", "clearance": "1e-3"},
-            "`clearance` is 0.001; it must be 0 .off. where `path` is not 'guided'",
+            "`clearance` is that of a conduit; it must be 0 .off. where `path` is",
         ),
     ],
 )

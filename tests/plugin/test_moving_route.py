@@ -365,6 +365,45 @@ def test_clearance_takes_what_the_bends_of_the_route_need(integrator: str) -> No
         assert wide_stretch(m, d, taut) == pytest.approx(stretch, abs=1e-6)
 
 
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_clearance_of_a_mixed_path_takes_what_its_conduit_needs(
+    integrator: str,
+) -> None:
+    """Both ends are tied, so only the bends of the conduit change the tension."""
+    mixed = WIDE + '<config key="path" value="mixed"/><config key="mouth" value="c"/>'
+    xml = LIMB.format(integrator=integrator, more=mixed)
+    for kept, other in (
+        ('"friction" value="0.2"', '"friction" value="0"'),
+        ('joint="motor" gear="-0.02"', 'tendon="path" gear="-1"'),
+        ('joint="wrist" gear="-0.05"', 'tendon="path" gear="1"'),
+    ):
+        assert kept in xml
+        xml = xml.replace(kept, other)
+    m = mujoco.MjModel.from_xml_string(xml)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+
+    def rope(tension: float) -> float:
+        """Return the unstretched length, of a path 0.9 m and from c to d long [m]."""
+        wrap = segment_wrap(m, d, "bowden")[:-1].sum()  # without the corner at c
+        path = 0.9 + np.linalg.norm(d.site("d").xpos - d.site("c").xpos)
+        play = 2e-3 * wrap * tension / (tension + 5.0)
+        return float((path - play) / (1.0 + tension / 4000.0))
+
+    mounted, seen = rope(20.0), [20.0]
+    for elbow in (0.9, -0.4, 0.3):
+        d.ctrl[1] = elbow
+        mujoco.mj_step(m, d, 2000)
+        tension = read(m, d, "bowden").tension
+        assert np.ptp(tension) < 1e-4 * tension.max()
+        seen.append(tension.mean())
+        assert abs(seen[-1] - seen[-2]) > 0.5
+        assert rope(seen[-1]) == pytest.approx(mounted, abs=2e-8)
+    settle(m, d, rope="keep")
+    mujoco.mj_forward(m, d)
+    assert read(m, d, "bowden").tension == pytest.approx(seen[-1], rel=1e-4)
+
+
 def test_a_cable_with_clearance_is_mounted_in_the_bends_of_its_pose() -> None:
     m, d = loose_limb("Euler")
     straight = route_wrap(m, d, "bowden")

@@ -106,6 +106,11 @@ KEPT: dict[str, tuple[Any, list[list[float]]]] = {
         [[0.5, 0.02, -0.01], [-0.8, -0.001, -0.001]]),
     "mixed": (lambda: mujoco.MjModel.from_xml_string(mixed_rope()),
         [[0.2, 0.01], [-0.5, 0.0], [0.9, -0.01]]),
+    "mixed, with clearance": (lambda: mujoco.MjModel.from_xml_string(
+        mixed_rope().replace('"0.5:0.3"', '"0.3:0.3 0.2:0.1:0.5:3"').replace(
+            '<config key="friction"',
+            '<config key="clearance" value="2e-3"/><config key="friction"')),
+        [[0.2, 0.01], [-0.5, 0.0], [0.9, -0.01]]),
 }  # fmt: skip
 """Cables without friction by path, and poses of their joints; the rest stays."""
 

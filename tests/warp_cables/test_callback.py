@@ -18,7 +18,6 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.errors import CableError
 from cc_mujoco.warp import HeldCable, add_end, attach, without_plugin
-from cc_mujoco.warp._model import require_routes
 
 CABLE = Cable(friction=0.2, static_friction=0.3, conduit=(Section(1.0, 0.3),))
 SHORT = CABLE.replace(segments=8)
@@ -230,9 +229,6 @@ def test_what_is_not_supported_is_refused_in_one_sentence():
         led = HeldCable(CABLE.replace(**{key: other, "route": "cord"}), 0, 1)
         with pytest.raises(CableError, match=f"{key}='{other}' needs the tendon"):
             attach(m, d, plain, cables={"cable0": led})
-    wide = CABLE.replace(bend="route", route="cord", clearance=1e-3)
-    with pytest.raises(CableError, match=r"`clearance` must be 0 .off. here where"):
-        require_routes({"cable0": wide}, {"cable0": None})
     with pytest.raises(CableError, match="not RK4"):
         without_plugin(scene(CABLE, integrator="RK4"))
     m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

@@ -123,8 +123,15 @@ def test_a_device_moves_as_with_the_plugin(name):
     assert np.abs(pulls - tensions).max() < 2e-4 * tensions.max()
 
 
-def test_a_conduit_bends_with_its_route_as_with_the_plugin():
-    text = LIMB.format(integrator="Euler", more="")
+PLAY = '<config key="clearance" value="2e-3"/>'
+TO_C = '<config key="path" value="mixed"/><config key="mouth" value="c"/>'
+
+
+@pytest.mark.parametrize(
+    "more", ["", PLAY, PLAY + TO_C], ids=["tight", "clearance", "mixed"]
+)
+def test_a_conduit_bends_with_its_route_as_with_the_plugin(more):
+    text = LIMB.format(integrator="Euler", more=more)
     text = text.replace("<plugin name", '<plugin plugin="cc_mujoco.cable" name')
     spec = mujoco.MjSpec.from_string(text)
 

@@ -118,7 +118,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
             f"scene {scene} has no cable: give it a `plugin` of {PLUGIN!r}, or write "
             "one with `add_cable` or `add_friction`."
         )
-    arms = Arms(model)
+    arms = Arms(model, mujoco.MjData(model))
     whole = _Scene(scene, spec, arms, cables, _ends(arms, cables))
     found = _axes(whole, table)
     names = [one.axis.name for one in found]
@@ -341,8 +341,8 @@ def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Foun
     _require_hinge(model, joint, f"motor {name!r} drives")
     own = [n for n in wound if joint in ends[n][1].joints]
     drums, joints = (
-        {n: scene.arms.neutral(ends[n][side].out, at) for n in own}
-        for side, at in enumerate((drum, joint))
+        {n: float(scene.arms.neutral[ends[n][side].out, dof]) for n in own}
+        for side, dof in enumerate(model.jnt_dofadr[[drum, joint]].tolist())
     )
     proximal, distal = drums[own[0]], joints[own[0]]
     if not proximal or not distal:

@@ -176,12 +176,6 @@ class Description:
             raise CableError.unknown(f"axis of device {self.scene!r}", name, named)
         return named[name]
 
-    def rivals(self, axis: Axis) -> tuple[str, ...]:
-        """Return the cables of all other axes that drive the same joint as `axis`."""
-        others = (one for one in self.axes if one.motor != axis.motor)
-        rivals = (one for one in others if one.joint == axis.joint)
-        return tuple(cable for one in rivals for cable in one.cables)
-
     @property
     def prefixes(self) -> tuple[str, ...]:
         """Prefix of each axis's log columns: `NAME.`, or "" for a single axis."""

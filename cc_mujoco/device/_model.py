@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -23,19 +23,13 @@ from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, frame_skip
 from cc_mujoco.device._drive import CableDrive, Drive
-from cc_mujoco.device._moment_arm import (
-    TabledWinding,
-    Winding,
-    neutral_moments,
-    open_winding,
-    winding_of,
-)
+from cc_mujoco.device._moment_arm import Arms, TabledWinding, Winding, open_winding
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover
 from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import WINDING_COLUMNS, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
-from cc_mujoco.plugin._mjcf import instances, make_room, write_cable
+from cc_mujoco.plugin._mjcf import make_room, write_cable
 
 Array = NDArray[np.float64]
 
@@ -56,18 +50,18 @@ class AxisModel:
 
     def __init__(
         self,
-        description: Description,
         axis: Axis,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        ends: Mapping[str, tuple[int, int]],
+        arms: Arms,
+        cables: Mapping[str, plugin.Reader],
         mover: Mover | None,
+        others: Sequence[Axis],
     ) -> None:
-        self.axis, self.model = axis, model
+        """Look up; `cables` are all of the model, `others` the axes of other motors."""
+        self.axis, self.model = axis, arms.model
+        model = arms.model
         motor = model.actuator(axis.motor)
         self._motor = int(motor.id)
         self.motor_control = int(model.actuator_ctrladr[motor.id])
-        own_ends = {name: ends[name] for name in axis.cables}
         turning, joint = model.joint(axis.drum), model.joint(axis.joint)
         self.places = Places(
             motor_q=int(turning.qposadr[0]),
@@ -77,9 +71,8 @@ class AxisModel:
             motor_out=int(model.actuator_outadr[motor.id]),
             wearer_out=-1 if mover is None else mover.out,
         )
-        arms = neutral_moments(model, data)
         self._proximal, self._distal = (
-            {name: float(arms[pair[side], dof]) for name, pair in own_ends.items()}
+            {n: float(arms.neutral[cables[n].outputs[side], dof]) for n in axis.cables}
             for side, dof in enumerate((self.places.motor_v, self.places.joint_v))
         )
         winds = all(arm > 0.0 for arm in self._proximal.values())
@@ -98,36 +91,38 @@ class AxisModel:
         self.driven = tuple(name for name in axis.cables if self._distal[name])
         """Names of the cables from the motor to the joint."""
         name = self.driven[0]
-        self.first = own_ends[name]
+        self.first = cables[name].outputs
         """Both ends of the first cable of the joint, in `actuator_force`."""
         self.proximal_arm = self._proximal[name]
         """Displacement of its proximal end per motor angle of the model [m/rad]."""
-        cable = plugin.from_mjcf(model)[name]
+        motor_arm = self.sense * self.proximal_arm
+        self.ratio = self._distal[name] / motor_arm
+        """Joint torque per motor torque without friction in the neutral pose [-]."""
         self.winding: Winding | TabledWinding | None
         """Winding of the first cable's distal end (of its open part if it leaves its
         conduit); None on a round pulley."""
         # No controller knows a cable of which other joints wind an open part.
         self._unknown = False
+        self.shared_ratios: dict[str, float] = {}
+        """Ratio at every joint of another axis that the cable turns [-]."""
+        cable, end = cables[name].cable, self.first[1]
         if cable.path == PATHS[2]:  # it leaves its conduit
             tendon, mouth = model.tendon(cable.route).id, model.site(cable.mouth).id
             self.winding = open_winding(model, int(tendon), int(mouth), axis.joint)
             self._unknown = self.winding is None
         else:
-            self.winding = winding_of(model, data, self.first[1], axis.joint)
-        self.shared_ratios: dict[str, float] = {}
-        """Ratio at every joint of another axis that the cable turns [-]."""
-        if isinstance(self.winding, Winding):
-            motor_arm = self.sense * self.proximal_arm
-            joints = {other.joint for other in description.axes}
-            self.winding = self.winding.sharing(model, joints, motor_arm)
-            for other in filter(joints.__contains__, self.winding.others(model)):
-                arm = float(arms[self.first[1], model.joint(other).dofadr[0]])
-                self.shared_ratios[other] = arm / motor_arm
-        self.ratio = self._distal[name] / (self.sense * self.proximal_arm)
-        """Joint torque per motor torque without friction in the neutral pose [-]."""
+            joints = {one.joint for one in others}
+            self.winding = arms.winding(end, axis.joint, joints, motor_arm)
+            for joint in filter(joints.__contains__, self.crossed):
+                arm = float(arms.neutral[end, model.joint(joint).dofadr[0]])
+                self.shared_ratios[joint] = arm / motor_arm
         self._mover = mover
-        rivals = [ends[name][1] for name in description.rivals(axis)]
-        self._others = _other_torques(model, data, self.places, mover, rivals)
+        # The cables of other motors count among the actuators at their joint.
+        rivals = {n for one in others if one.joint == axis.joint for n in one.cables}
+        known = {out for one in cables.values() for out in one.outputs}
+        known -= {cables[name].outputs[1] for name in rivals}
+        known.add(self.places.wearer_out)
+        self._others = arms.others(self.places.joint_v, known)
         medium = model.opt.density or model.opt.viscosity
         self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
@@ -195,7 +190,7 @@ class AxisModel:
     @property
     def crossed(self) -> tuple[str, ...]:
         """Joints besides the driven one that move the cables' distal ends."""
-        return self.winding.others(self.model) if self.winding else ()
+        return self.winding.others if self.winding else ()
 
     @property
     def ratio_columns(self) -> tuple[str, ...]:
@@ -209,8 +204,8 @@ class AxisModel:
         `hold` keeps an array alive as long as the record, and returns its address.
         """
         mover, places = self._mover, self.places
-        outs = [out for out, _, _ in self._others]
-        arms = [place for _, _, place in self._others]
+        others = self._others
+        outs, arms = [one.out for one in others], [one.place for one in others]
         same = ("motor_control", "sense", "motor_gear", "motor_scale", "torque_limit")
         found = places._asdict() | {name: getattr(self, name) for name in same}
         found |= {
@@ -218,7 +213,7 @@ class AxisModel:
             "weightless": self._weightless,
             "others": len(outs),
             "other_outs": hold(np.array([*outs, *arms], np.int64)),
-            "other_arms": hold(np.array([gear for _, gear, _ in self._others])),
+            "other_arms": hold(np.array([one.gear for one in others])),
             "wearer_gear": 1.0 if mover is None else mover.gear,
         }
         if self.winding is not None:
@@ -252,7 +247,9 @@ class DeviceModel:
         if not isinstance(model, mujoco.MjModel):
             raise CableError(f"model must be a mujoco.MjModel, not {model!r}.")
         self.description, self.model = description, model
-        _require_parts(description, model)
+        self.readers = {n: plugin.Reader(model, n) for n in plugin.cables(model)}
+        """Readers of the cables of the model, by name."""
+        self._require_parts()
         self.frame_skip = frame_skip(description, float(model.opt.timestep))
         """Physics steps between two calls of a controller."""
         self.movers = {
@@ -268,12 +265,13 @@ class DeviceModel:
                     "whose impedance could be set."
                 )
             self._write_wearer(joint, impedance)
-        data = data or mujoco.MjData(model)
-        self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
-        ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
+        arms, axes = Arms(model, data or mujoco.MjData(model)), description.axes
         self.axes = tuple(
-            AxisModel(description, axis, model, data, ends, self.movers.get(axis.limb))
-            for axis in description.axes
+            AxisModel(
+                *(axis, arms, self.readers, self.movers.get(axis.limb)),
+                others=[one for one in axes if one.motor != axis.motor],
+            )
+            for axis in axes
         )
         """The axes, in the order of the description."""
         self.prefixes = description.prefixes
@@ -285,12 +283,28 @@ class DeviceModel:
         """Torques of the motors at an action of 1 [N m]."""
         self.script_controls = [mover.control for mover in self.movers.values()]
         """Controls of the wearer."""
-        self.cable_outputs = [place for pair in ends.values() for place in pair]
-        """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
-        self.cables = plugin.from_mjcf(model)
+        self.cables = {name: reader.cable for name, reader in self.readers.items()}
         """The cables of the model, as it was given."""
         self.written: dict[str, Cable] = {}
         """Cables to write into the model first, see `with_cables`."""
+
+    def _require_parts(self) -> None:
+        """Raise `CableError` if the model lacks a part of the description."""
+        model, scene = self.model, self.description.scene
+        joints = {model.joint(j).name for j in range(model.njnt)}
+        actuators = {model.actuator(a).name for a in range(model.nu)}
+        for axis in self.description.axes:
+            for kind, names, there in (
+                ("joint", (axis.drum, axis.joint), joints),
+                ("actuator", (axis.motor,), actuators),
+                ("cable", axis.cables, self.readers),
+            ):
+                for name in names:
+                    if name not in there:
+                        raise CableError(
+                            f"the model is no variant of the scene {scene!r}: it has "
+                            f"no {kind} {name!r}."
+                        )
 
     @property
     def wearers(self) -> dict[str, Wearer]:
@@ -382,8 +396,8 @@ class DeviceModel:
         and slip are those that acted during it.
         """
         columns: dict[str, Any] = {"qpos": qpos}
-        for reader in self._readers:
-            columns |= cable_columns(reader.name, reader.read(plugin_state))
+        for name, reader in self.readers.items():
+            columns |= cable_columns(name, reader.read(plugin_state))
         return columns
 
 
@@ -400,62 +414,6 @@ def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
 def physics_of(data: mujoco.MjData) -> Physics:
     """Return the arrays of `data` as `Physics`: views, not copies."""
     return Physics(*(getattr(data, name) for name in Physics._fields))
-
-
-def _require_parts(description: Description, model: mujoco.MjModel) -> None:
-    joints = {model.joint(j).name for j in range(model.njnt)}
-    actuators = {model.actuator(a).name for a in range(model.nu)}
-    for axis in description.axes:
-        for kind, names, there in (
-            ("joint", (axis.drum, axis.joint), joints),
-            ("actuator", (axis.motor,), actuators),
-            ("cable", axis.cables, instances(model)),
-        ):
-            for name in names:
-                if name not in there:
-                    raise CableError(
-                        f"the model is no variant of the scene {description.scene!r}: "
-                        f"it has no {kind} {name!r}."
-                    )
-
-
-def _other_torques(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    places: Places,
-    mover: Mover | None,
-    rivals: Collection[int],
-) -> tuple[tuple[int, float, int], ...]:
-    """Return the actuators at the joint except the wearer and the axis's own cables.
-
-    Each has its index in `actuator_force`, its gear, and the index of its moment arm in
-    `actuator_moment`; that is -1 if the gear is the arm. `rivals` are the outputs of
-    other axes' cables at the joint, which count among the actuators.
-    """
-    mujoco.mj_resetData(model, data)
-    mujoco.mj_fwdPosition(model, data)
-    cables = set(instances(model).values())
-    found = []
-    for actuator in range(model.nu):
-        out = int(model.actuator_outadr[actuator])
-        if int(model.actuator_plugin[actuator]) in cables and out not in rivals:
-            continue
-        if mover is not None and out == mover.out:
-            continue
-        start, count = int(data.moment_rowadr[out]), int(data.moment_rownnz[out])
-        dofs = data.moment_colind[start : start + count].tolist()
-        if places.joint_v not in dofs:
-            continue
-        on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-        place = -1 if on_joint else start + dofs.index(places.joint_v)
-        found.append((out, float(model.actuator_gear[actuator, 0]), place))
-    return tuple(found)
-
-
-def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
-    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
-    proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
-    return proximal, distal
 
 
 def cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:

@@ -37,6 +37,7 @@ class Winding(NamedTuple):
     own: int  # place of the joint's among these
     length: float  # in the neutral pose [m]
     arm: float  # in the neutral pose [m/rad]
+    others: tuple[str, ...]  # joints besides the driven one that move the end
     shared: tuple[tuple[str, int, float], ...] = ()
     """`RATIO_COLUMN` of every joint of another axis that the cable turns, the place of
     its arm in `actuator_moment`, and the ratio per arm [rad/m]."""
@@ -74,26 +75,6 @@ class Winding(NamedTuple):
             "shared_scales": hold(np.array([scale for *_, scale in self.shared])),
         }
 
-    def sharing(
-        self, model: mujoco.MjModel, joints: Container[str], motor: float
-    ) -> Winding:
-        """Return a copy whose `shared` has those of `joints` that the cable turns.
-
-        `motor` is the arm of the proximal end at the motor [m/rad].
-        """
-        places = self.places[: self.own] + self.places[self.own + 1 :]
-        shared = tuple(
-            (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
-            for joint, place in zip(self.others(model), places, strict=True)
-            if joint in joints
-        )
-        return self._replace(shared=shared)
-
-    def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
-        """Return the joints besides the driven one that move the cable's end."""
-        dofs = (dof for place, dof in enumerate(self.dofs) if place != self.own)
-        return tuple(model.joint(model.dof_jntid[dof]).name for dof in dofs)
-
 
 class TabledWinding(NamedTuple):
     """Winding of a cable whose conduit moves, as a table over the angle of the joint.
@@ -106,6 +87,7 @@ class TabledWinding(NamedTuple):
     angles: Array  # of the joint, rising (k,) [rad]
     wound: Array  # angle that is wound there (k,) [rad]
     leverage: Array  # its derivative (k,)
+    others: tuple[str, ...] = ()  # only the driven joint moves the cable's end
 
     def read(self, physics: Any) -> dict[str, Any]:
         angle = physics.qpos.T[self.joint_q]
@@ -118,10 +100,6 @@ class TabledWinding(NamedTuple):
     def record(self, hold: Callable[[NDArray[Any]], int]) -> dict[str, Any]:
         table = np.concatenate((self.angles, self.wound, self.leverage))
         return {"knots": len(self.angles), "table": hold(table)}
-
-    def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
-        """Return (): only the driven joint moves the cable's end."""
-        return ()
 
 
 def open_winding(
@@ -163,6 +141,14 @@ def open_winding(
     return TabledWinding(place, dof, angles, (lengths - first) / arm, slope / arm)
 
 
+class Actuator(NamedTuple):
+    """Actuator at a joint, which is neither its wearer nor its cable."""
+
+    out: int  # in `actuator_force`
+    gear: float
+    place: int  # of its arm in `actuator_moment`; -1 if the gear is the arm
+
+
 class MeasuredWinding:
     """Winding of a distal end from measured angles of joints, without a simulation."""
 
@@ -195,54 +181,73 @@ class MeasuredWinding:
         return {name: float(v) for name, v in self._winding.read(data).items()}
 
 
-def winding_of(
-    model: mujoco.MjModel, data: mujoco.MjData, end: int, joint: str
-) -> Winding | None:
-    """Return the winding of output `end`; None if a round pulley moves it equally.
-
-    `data` are overwritten.
-    """
-    dof = int(model.joint(joint).dofadr[0])
-    mujoco.mj_resetData(model, data)
-    mujoco.mj_fwdPosition(model, data)
-    start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])
-    dofs = data.moment_colind[start : start + count].copy()
-    own, length = dofs.tolist().index(dof), float(data.actuator_length[end])
-    arm = float(data.actuator_moment[start + own])
-    found = []
-    for qpos in _poses(model):
-        data.qpos[:] = qpos
-        mujoco.mj_fwdPosition(model, data)
-        found.append(data.actuator_moment[start : start + count].copy())
-    arms, least = np.array(found), 1e-9 * abs(arm)  # less is rounding
-    moves = np.abs(arms).max(axis=0) > least
-    if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < least:
-        return None
-    places = tuple((start + np.flatnonzero(moves)).tolist())
-    moved, place = tuple(dofs[moves].tolist()), int(moves[:own].sum())
-    return Winding(end, float(model.opt.timestep), places, moved, place, length, arm)
-
-
 class Arms:
     """Moment arms of all actuators over the ranges of the joints [m/rad, m/m or 1]."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """Evaluate the arms in `qpos0` and five poses over the joints' ranges."""
-        self.model = model
-        data = mujoco.MjData(model)
-        swept = np.abs(moments(model, data, [model.qpos0, *_poses(model)]))
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Evaluate the arms in `qpos0` and five poses over the joints' ranges.
+
+        `data` are overwritten, and left in the pose `qpos0`.
+        """
+        self.model, self._data = model, data
+        *found, self.neutral = moments(model, data, [*_poses(model), model.qpos0])
+        """Signed arms in the pose `qpos0`, (outputs, nv)."""
+        self._swept = np.array(found)
+        swept = np.abs([self.neutral, *found])
         self.most, self.mean = swept.max(axis=0), swept.mean(axis=0)
         """Largest and mean absolute arms, (outputs, nv)."""
-        self._neutral = neutral_moments(model, data)
 
-    def neutral(self, out: int, joint: int) -> float:
-        """Return the signed arm of output `out` at `joint` in the pose `qpos0`."""
-        return float(self._neutral[out, self.model.jnt_dofadr[joint]])
+    def _row(self, out: int) -> tuple[int, list[int]]:
+        """Return the place of the first arm in `actuator_moment`, the dofs of all."""
+        start, count = self._data.moment_rowadr[out], self._data.moment_rownnz[out]
+        return int(start), self._data.moment_colind[start : start + count].tolist()
 
+    def winding(
+        self, end: int, joint: str, joints: Container[str], motor: float
+    ) -> Winding | None:
+        """Return the winding of output `end`; None if a round pulley moves it equally.
 
-def neutral_moments(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
-    return np.asarray(moments(model, data, [model.qpos0])[0])
+        Its `shared` has those of `joints` that the cable turns; `motor` is the arm of
+        the proximal end at the motor [m/rad].
+        """
+        model, (start, dofs) = self.model, self._row(end)
+        own = dofs.index(int(model.joint(joint).dofadr[0]))
+        arm, arms = float(self.neutral[end, dofs[own]]), self._swept[:, end, dofs]
+        least = 1e-9 * abs(arm)  # less is rounding
+        moves = np.abs(arms).max(axis=0) > least
+        if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < least:
+            return None
+        moved = np.flatnonzero(moves).tolist()
+        names = {n: model.joint(model.dof_jntid[dofs[n]]).name for n in moved}
+        others = {n: name for n, name in names.items() if n != own}
+        return Winding(
+            end,
+            float(model.opt.timestep),
+            places=tuple(start + n for n in moved),
+            dofs=tuple(dofs[n] for n in moved),
+            own=moved.index(own),
+            length=float(self._data.actuator_length[end]),
+            arm=arm,
+            others=tuple(others.values()),
+            shared=tuple(
+                (RATIO_COLUMN.format(joint=name), start + n, 1.0 / motor)
+                for n, name in others.items()
+                if name in joints
+            ),
+        )
+
+    def others(self, dof: int, known: Container[int]) -> tuple[Actuator, ...]:
+        """Return the actuators that move `dof`, except the outputs `known`."""
+        model, found = self.model, []
+        for actuator in range(model.nu):
+            out = int(model.actuator_outadr[actuator])
+            start, dofs = self._row(out)
+            if out in known or dof not in dofs:
+                continue
+            on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+            place = -1 if on_joint else start + dofs.index(dof)
+            found.append(Actuator(out, float(model.actuator_gear[actuator, 0]), place))
+        return tuple(found)
 
 
 def moments(

@@ -82,8 +82,10 @@ class Reader:
             CableError: the model has no cable of that name.
         """
         index = _instance(model, name)
-        cable = cable_of(model, index, name)
-        self.name = name
+        self.name, self.cable = name, cable_of(model, index, name)
+        cable, ends = self.cable, model.actuator_plugin == index
+        self.outputs = tuple(model.actuator_outadr[ends].tolist())
+        """Places of the forces of its ends in `actuator_force`, proximal first."""
         self.start = int(model.plugin_stateadr[index])
         """Start of the cable's state in `plugin_state`."""
         first = self.start + kernel.STATE_HEADER

@@ -28,7 +28,7 @@ from cc_mujoco.device._axis_record import Physics
 from cc_mujoco.device._model import DeviceModel, physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.plugin import Reader, cables, untimed
+from cc_mujoco.plugin import untimed
 from cc_mujoco.simulation import _loop as loop
 from cc_mujoco.simulation._loop import Columns, Observer
 from cc_mujoco.simulation._reference_motion import Script
@@ -251,7 +251,7 @@ class Batch:
         torque that the controller commands, which it is by default [N m]."""
         models = [device.model for device in devices]
         count = len(devices)
-        self.steps, self.cables = exo.steps, cables(models[0])
+        self.steps, self.cables = exo.steps, tuple(devices[0].readers)
         self.going: Mask = np.ones(count, dtype=np.bool_)
         """Mask of the devices that have not failed."""
         self.failed = [""] * count
@@ -266,11 +266,11 @@ class Batch:
         self._samples = np.zeros(count, np.int64)
         self._every = np.ones(count, np.bool_)
         self._limit = np.stack([device.torque_limits for device in devices])
-        readers = [Reader(models[0], name) for name in self.cables]
+        readers = devices[0].readers.values()
         self._nodes = [reader.nodes for reader in readers]
         self._tensions = [f"tension_{name}_nodes_n" for name in self.cables]
         self._energies = np.array([reader.energy for reader in readers])
-        self._outputs = np.array(exo.device.cable_outputs)
+        self._outputs = np.array([out for reader in readers for out in reader.outputs])
         self._warnings = self.simulations.batch.warning[:, :, 1]
         self._status = self.simulations.batch.status
         self._step = 0

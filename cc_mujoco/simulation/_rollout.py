@@ -28,7 +28,6 @@ from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.plugin import Reader
 from cc_mujoco.plugin._mjcf import make_room
 from cc_mujoco.simulation import _compiled_episode as compiled
 from cc_mujoco.simulation._batch import Batch
@@ -274,7 +273,7 @@ def _shared_record(batch: Batch) -> tuple[dict[str, Any], list[int]]:
         "script_controls": hold(np.array(device.script_controls, np.int64)),
         "commands": hold(np.ascontiguousarray(script.commands)),
         "cables": len(batch.cables),
-        "readings": hold(_readings(device, batch.cables)),
+        "readings": hold(_readings(device)),
         "task": task_of(task),
     }
     if common["task"] != OF_PHASE:
@@ -295,7 +294,7 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
     if isinstance(made, AdaptiveModel):
         cables = batch.exo.device.driven[0]
         for name, nodes in zip(cables, made.taps.nodes, strict=True):
-            first = Reader(batch.devices[0].model, name).nodes.start
+            first = batch.devices[0].readers[name].nodes.start
             taps += (first + nodes).tolist()
     sources = [compiled.READ_COLUMNS.index(name) for name in law.wound]
     found = {"law": place, "is_round": law.is_round}
@@ -310,12 +309,10 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
     return found | {"seen": hold(np.zeros(len(sources) + len(taps)))}
 
 
-def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:
+def _readings(device: DeviceModel) -> NDArray[np.int64]:
     """Return indices of each cable's nodes, energy and forces, ordered as `Word`."""
     rows = []
-    ends = np.reshape(device.cable_outputs, (-1, 2))
-    for name, pair in zip(names, ends, strict=True):
-        one = Reader(device.model, name)
+    for one in device.readers.values():
         nodes = one.nodes.start, one.nodes.stop - one.nodes.start
-        rows.append((*nodes, one.energy, *pair))
+        rows.append((*nodes, one.energy, *one.outputs))
     return np.array(rows, dtype=np.int64)

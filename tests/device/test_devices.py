@@ -314,7 +314,8 @@ def test_positive_motor_torque_winds_a_cable_whatever_the_sign_of_its_gear(
     data.ctrl[model.motor_controls] = 0.2 * model.motor_scales
     for _ in range(300):
         mujoco.mj_step(model.model, data)
-    distal = model.cable_outputs[1]
+    (reader,) = model.readers.values()
+    distal = reader.outputs[1]
     assert abs(data.actuator_force[distal]) > 50.0
 
 

@@ -31,8 +31,7 @@ from cc_mujoco.benchmark._plant import ActuationFaults, Draw, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
     PositionCondition,
-    fitted_drives,
-    position_drive,
+    position_drives,
 )
 from cc_mujoco.benchmark._user_entry import Entry
 from cc_mujoco.control import Controller, PlantsController, Unpowered
@@ -129,6 +128,7 @@ class CellSetup(NamedTuple):
     law: Controller
     sensors: AxesMeasuring | faults.FaultySensors
     torque_noise: float  # standard deviation of the device's joint torque sensor [N m]
+    facts: list[dict[str, Any]]  # constants that scores need, of every axis
 
 
 def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -221,11 +221,11 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     if isinstance(at, PositionCondition):
         if one.controller in WITH_SENSOR:
             sensing = dataclasses.replace(sensing, joint_sensor=True)
-        drive = position_drive(at, sensing.equip(known[0]))
+        plants = [(cell.condition, cell.seeds, cell.key) for cell in cells]
+        if name in (None, conditions.SCALE_CONTROLLER):  # which have no parameters
+            plants = []
+        drive, fitted = position_drives(at, sensing.equip(known[0]), plants)
         drives = [(drive,)] * len(draws)
-        if name not in (None, conditions.SCALE_CONTROLLER):  # which have no parameters
-            for cell in cells:
-                fitted += fitted_drives(drive, cell.condition, cell.seeds, cell.key)
     else:
         if at.structure:
             plain = draws[0].known
@@ -253,7 +253,14 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     if fails:
         ratios = {p: drive.ratio for p, drive in zip(prefixes, drives[0], strict=True)}
         sensors = faults.FaultySensors(at.structure, onsets, whole, ratios, exo.period)
-    return CellSetup(draws, batch, drives, law, sensors, sensing.torque_noise)
+    strength = dict.fromkeys(batch.cables, description.strength)
+    facts = []
+    for axis, driven in zip(description.axes, exo.device.driven, strict=True):
+        # Where the safe torque is unknown, no torque is a failure.
+        safe = {Key.SAFE_TORQUE: math.inf, **facts_of(axis, strength)}
+        springy = isinstance(tasks[axis.name], Spring)
+        facts.append({**safe, Key.DRIVEN: driven, Key.SPRING: springy})
+    return CellSetup(draws, batch, drives, law, sensors, sensing.torque_noise, facts)
 
 
 def play(cell: Cell) -> CellResult:
@@ -324,20 +331,7 @@ def _scores(
     cell: Cell, rows: Mapping[str, NDArray[Any]], made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of a cell by name, (seeds,), without the warm-up."""
-    description, device = made.draws[0].plant.description, made.batch.exo.device
-    cables = made.batch.cables
-    tasks = cell.condition.tasks(description)
-    strength = dict.fromkeys(cables, description.strength)
-    facts = []
-    for axis, driven in zip(description.axes, device.driven, strict=True):
-        # Where the safe torque is unknown, no torque is a failure.
-        known = {
-            Key.SAFE_TORQUE: math.inf,
-            **facts_of(axis, strength),
-            Key.DRIVEN: driven,
-        }
-        facts.append(known | {Key.SPRING: isinstance(tasks[axis.name], Spring)})
-    prefixes = device.prefixes
+    cables, prefixes = made.batch.cables, made.batch.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
     if cell.condition.structure in faults.FAULTS:
@@ -352,7 +346,7 @@ def _scores(
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
         of_axes = []
-        for prefix, own in zip(prefixes, facts, strict=True):
+        for prefix, own in zip(prefixes, made.facts, strict=True):
             log = ArrayLog(axis_columns(columns, prefix, prefixes), cables, own)
             of_axes.append(episode_scores(log, scores))
         found: dict[str, float] = {}

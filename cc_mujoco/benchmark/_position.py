@@ -70,17 +70,22 @@ def fresh_fits(
     return tuple(fit_hysteresis(trial, nominal) for trial in trials)
 
 
-def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
-    """Return the drive with cables and hysteresis parameters of the unvaried scene."""
+def position_drives(
+    condition: conditions.Condition,
+    drive: Drive,
+    plants: Sequence[tuple[conditions.Condition, tuple[int, ...], str]],
+) -> tuple[Drive, list[Drive]]:
+    """Return the drive with cables and hysteresis parameters of the unvaried scene.
+
+    The second result has a drive for every seed of `plants` (condition, seeds, key of
+    the run), calibrated on its plant if its condition is `fitted`.
+    """
     known = nominal_drive(condition)
-    return dataclasses.replace(drive, cables=known.cables, hysteresis=known.hysteresis)
-
-
-def fitted_drives(
-    drive: Drive, condition: conditions.Condition, seeds: tuple[int, ...], key: str
-) -> list[Drive]:
-    """Return a drive per seed, calibrated on its plant if the condition is `fitted`."""
-    fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
-    if isinstance(condition, PositionCondition) and condition.fitted:
-        fits = fresh_fits(condition, seeds, key)
-    return [dataclasses.replace(drive, hysteresis=fit) for fit in fits]
+    drive = dataclasses.replace(drive, cables=known.cables, hysteresis=known.hysteresis)
+    fits: list[Any] = []
+    for own, seeds, key in plants:
+        if isinstance(own, PositionCondition) and own.fitted:
+            fits += fresh_fits(own, seeds, key)
+        else:
+            fits += [drive.hysteresis] * len(seeds)
+    return drive, [dataclasses.replace(drive, hysteresis=fit) for fit in fits]

@@ -24,7 +24,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -262,7 +262,7 @@ def controller(
             or needs a sensor at the joint that the device does not have.
     """
     if isinstance(drive, Drive):
-        return _controller_of(name, drive)
+        return _controller_of(name, [drive])
     if not isinstance(drive, (Plant, Nominal, str, Path)):
         raise CableError(
             "a controller is made for a Drive, a Device, a Plant or the name or file "
@@ -279,10 +279,13 @@ def controller(
     return axes_controller(name, each, model.prefixes)
 
 
-def _controller_of(name: Law, drive: Drive) -> Controller:
-    """Return the controller of an axis; see `controller`."""
+def _controller_of(
+    name: Law, drives: Sequence[Drive], prefixes: Sequence[str] = ("",)
+) -> Controller:
+    """Return the controller of an axis, see `controller`, or a policy of all axes."""
     if isinstance(name, str) and name.endswith(POLICY_ENDING):
-        return Policy(drive, name)
+        return Policy(drives, name, prefixes)
+    (drive,) = drives
     if not isinstance(name, str) or is_user_controller(name):
         return from_callable(name, drive)
     if drive.commands_angle:
@@ -395,10 +398,8 @@ def axes_controller(
             single axis is to be decoupled.
     """
     require_decoupling(given, len(drives))
-    if is_policy(given):
-        return Policy(drives, str(given), prefixes)
-    if len(drives) == 1 and not isinstance(given, Mapping):
-        return _controller_of(given, drives[0])
+    if is_policy(given) or (len(drives) == 1 and not isinstance(given, Mapping)):
+        return _controller_of(given, drives, prefixes)
     if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
         name = given if isinstance(given, str) else make.__qualname__
         with controller_errors(name):
@@ -409,7 +410,7 @@ def axes_controller(
     laws, coupling = by_axis(given, prefixes), None
     if is_decoupled(given):
         drives, coupling = decoupled_drives(drives, prefixes)
-    made = [_controller_of(law, one) for law, one in zip(laws, drives, strict=True)]
+    made = [_controller_of(law, [one]) for law, one in zip(laws, drives, strict=True)]
     if coupling is None:
         return AxesController(made, prefixes)
     return DecoupledController(made, prefixes, coupling)
@@ -462,10 +463,10 @@ def _for_all_axes(given: Law) -> Any:
     return given if getattr(given, "ALL_AXES", False) else None
 
 
-def is_policy(given: Law | Mapping[str, Law]) -> bool:
+def is_policy(given: Law | Mapping[str, Law]) -> TypeGuard[str]:
     """Return whether a controller is the file of a policy, which drives all axes."""
-    alone = isinstance(given, str) and named_laws(given) == [given]
-    return alone and str(given).endswith(POLICY_ENDING)
+    alone = isinstance(given, str) and given.endswith(POLICY_ENDING)
+    return alone and named_laws(given) == [given]
 
 
 def runs_code(given: Law | Mapping[str, Law]) -> bool:
@@ -473,9 +474,7 @@ def runs_code(given: Law | Mapping[str, Law]) -> bool:
 
     The file of a policy has none: it is numbers.
     """
-    if isinstance(given, str):
-        return any(map(_is_code, named_laws(given)))
-    return any(map(_is_code, given.values() if isinstance(given, Mapping) else [given]))
+    return any(map(_is_code, named_laws(given)))
 
 
 def _is_code(law: Law) -> bool:
@@ -518,8 +517,10 @@ def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law
     return [given[name] for name in names]
 
 
-def named_laws(given: str) -> list[str]:
-    """Return the names of controllers in a text: two in `hip=model,ankle=pi`."""
+def named_laws(given: Law | Mapping[str, Law]) -> list[Any]:
+    """Return all controllers that are given: two in `hip=model,ankle=pi`."""
+    if not isinstance(given, str):
+        return list(given.values()) if isinstance(given, Mapping) else [given]
     given = given.removeprefix(DECOUPLED)
     pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
     return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]

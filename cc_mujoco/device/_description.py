@@ -176,6 +176,21 @@ class Description:
             raise CableError.unknown(f"axis of device {self.scene!r}", name, named)
         return named[name]
 
+    def frame_skip(self, timestep: float) -> int:
+        """Return the physics steps of `timestep` [s] between two calls of a controller.
+
+        Raises `CableError` if the control period is no whole number of them.
+        """
+        steps = round(self.period / timestep)
+        if steps < 1 or abs(steps * timestep - self.period) > 1e-9:
+            raise CableError(
+                f"device {self.scene!r}: the control period of {1e3 * self.period:g} "
+                f"ms must be a whole number of time steps of {1e3 * timestep:g} ms; "
+                "change `timestep` in <option>, or `period` in the description, for "
+                f"example period = {max(steps, 1) * timestep:g}."
+            )
+        return steps
+
     @property
     def prefixes(self) -> tuple[str, ...]:
         """Prefix of each axis's log columns: `NAME.`, or "" for a single axis."""

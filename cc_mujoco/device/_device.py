@@ -183,7 +183,7 @@ class Device(Nominal):
     @property
     def frame_skip(self) -> int:
         """Physics steps between two calls of a controller."""
-        return frame_skip(self.description, float(self.spec.option.timestep))
+        return self.description.frame_skip(float(self.spec.option.timestep))
 
     def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
         """Return the scene without visual elements, except the tendons in `kept`."""
@@ -197,18 +197,6 @@ class Device(Nominal):
         if self.name in SCENES and not self._given:
             return scene_path(self.name).read_text(encoding="utf-8")
         return str(self.spec.to_xml())
-
-
-def frame_skip(description: Description, timestep: float) -> int:
-    steps = round(description.period / timestep)
-    if steps < 1 or abs(steps * timestep - description.period) > 1e-9:
-        raise CableError(
-            f"device {description.scene!r}: the control period of "
-            f"{1e3 * description.period:g} ms must be a whole number of time steps of "
-            f"{1e3 * timestep:g} ms; change `timestep` in <option>, or `period` in the "
-            f"description, for example period = {max(steps, 1) * timestep:g}."
-        )
-    return steps
 
 
 def find_device(source: str | Path | Device) -> Device:

@@ -21,7 +21,7 @@ from cc_mujoco.cable._cable import PATHS, Cable
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
-from cc_mujoco.device._device import Device, frame_skip
+from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._moment_arm import Arms, TabledWinding, Winding, open_winding
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover
@@ -250,7 +250,7 @@ class DeviceModel:
         self.readers = {n: plugin.Reader(model, n) for n in plugin.cables(model)}
         """Readers of the cables of the model, by name."""
         self._require_parts()
-        self.frame_skip = frame_skip(description, float(model.opt.timestep))
+        self.frame_skip = description.frame_skip(float(model.opt.timestep))
         """Physics steps between two calls of a controller."""
         self.movers = {
             joint: Mover.of(model, name) for joint, name in description.movers.items()

@@ -23,8 +23,8 @@ from cc_mujoco.native import FloatArray as Array
 
 MARKS = 5
 """Marks of an axis: reference angle [rad], phase of the cycle or time [s] for a task of
-time, sine and cosine of the phase, and the desired torque [N m] where a task is
-`scripted`, else 0."""
+time, sine and cosine of the phase, and the desired torque [N m] where it is known in
+advance, else 0; see `Author.tasks`."""
 
 
 PART_STEPS = 16_384  # control steps of a script that are computed at once
@@ -115,7 +115,9 @@ class Author:
         )
         self.note = "; ".join(moves) + "." if moves else ""
         """Sentence on the joints that walk or that a table moves; empty by default."""
-        self._tasks = tuple((task, scripted(task)) for task in tasks)
+        self.tasks = tuple((task, _is_scripted(task)) for task in tasks)
+        """Task of each axis, and whether its torque depends on phase only, equally for
+        all devices: then the script has it."""
         self._commanded = tuple(task.commands_angle for task in tasks)
         self._device = device
         self._sources = tuple(sources)
@@ -231,7 +233,7 @@ class Author:
             aim = (part.angle, part.velocity) if part else (device.neutral(joint), 0.0)
             commands[:, place] = mover.command(*aim)
         marks = []
-        for motion, (task, is_scripted) in zip(motions, self._tasks, strict=True):
+        for motion, (task, is_scripted) in zip(motions, self.tasks, strict=True):
             each = motion.time, motion.angle, motion.phase
             time, angle, phase = (one[:: self.frame_skip] for one in each)
             turn = 2 * np.pi * phase
@@ -288,7 +290,6 @@ def resting(motion: Motion, angle: float) -> Motion:
     return Motion(motion.time, still + angle, still, still, motion.phase)
 
 
-def scripted(task: Task) -> bool:
-    """Return whether a task's torque depends on phase only, equally for all devices."""
+def _is_scripted(task: Task) -> bool:
     nothing = np.zeros(1)
     return task.of_phase and np.size(task.torque(nothing, nothing, nothing)) == 1

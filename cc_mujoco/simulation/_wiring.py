@@ -35,14 +35,14 @@ from cc_mujoco.native import (
 )
 from cc_mujoco.plugin._ffi import floats, words
 from cc_mujoco.simulation import _reference_motion as reference_motion
-from cc_mujoco.simulation._reference_motion import MARKS, Script, ScriptPart, scripted
+from cc_mujoco.simulation._reference_motion import MARKS, Script, ScriptPart
 
 if TYPE_CHECKING:
     from cc_mujoco.simulation._worn_device import WornDevice
 
 OF_PHASE, TUNNEL, SPRING, OTHER = range(4)
-"""Tasks: `scripted`, whose torques are known in advance; `Tunnel`; `Spring`; those that
-Python alone knows."""
+"""Tasks: torques that are known in advance; `Tunnel`; `Spring`; those that Python alone
+knows."""
 
 TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 
@@ -69,10 +69,10 @@ class Wiring:
         self._records = np.concatenate([axis.record(self.hold) for axis in axes])
         self._address = int(self._records.ctypes.data)
         self._devices, self._axes = len(devices), len(first.axes)
-        codes = []
-        for task in exo.tasks:
-            other = OF_PHASE if scripted(task) else OTHER
-            codes.append(TASK_CODES.get(type(task), other))
+        codes = [
+            TASK_CODES.get(type(task), OF_PHASE if is_scripted else OTHER)
+            for task, is_scripted in exo.author.tasks
+        ]
         self._codes = np.array(codes, np.int64)
         self._parameters = np.array([parameters_of(task) for task in exo.tasks])
         self._script_controls = np.array(first.script_controls, np.int64)

@@ -22,7 +22,6 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.benchmark._plant import EFFECTS, LAG_NAME, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
-from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Perturbed, Task, Trajectory, task, trajectory
 from cc_mujoco.simulation._worn_device import axis_trajectories
@@ -129,6 +128,6 @@ def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> f
     """
     motion = source.sample(Condition.duration, 0.01, np.random.default_rng(0))
     angle = motion.companions.get(joint, motion).angle
-    low, high = joint_range(model.model, joint)
+    low, high = model.ranges[joint]
     room = 0.5 * min(float(angle.min()) - low, high - float(angle.max()))
     return float(f"{min(0.1, 0.25 * reach, room):.2g}")

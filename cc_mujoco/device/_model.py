@@ -266,6 +266,9 @@ class DeviceModel:
                 )
             self._write_wearer(joint, impedance)
         arms, axes = Arms(model, data or mujoco.MjData(model)), description.axes
+        joints = dict.fromkeys((*(axis.limb for axis in axes), *self.movers))
+        self.ranges = {joint: joint_range(model, joint) for joint in joints}
+        """Limits of the joints that the wearer moves, those of the axes first [rad]."""
         self.axes = tuple(
             AxisModel(
                 *(axis, arms, self.readers, self.movers.get(axis.limb)),

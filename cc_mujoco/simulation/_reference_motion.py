@@ -9,10 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from cc_mujoco.device._model import DeviceModel, joint_range
+from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import Motion, Recorded, Task, TimeTorque, Trajectory, Walk
@@ -179,7 +178,7 @@ class Author:
         followed = {*movers, *commanded}
         for joint, ends in reach.items():
             if joint in followed:
-                _require_range(device.model, joint, *ends)
+                _require_range(joint, device.ranges[joint], *ends)
         for joint, mover in movers.items():
             if joint in reach:
                 _warn_of_limit(joint, mover, *reach[joint])
@@ -275,8 +274,10 @@ def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:
         )
 
 
-def _require_range(model: mujoco.MjModel, name: str, least: float, most: float) -> None:
-    low, high = joint_range(model, name)
+def _require_range(
+    name: str, allowed: tuple[float, float], least: float, most: float
+) -> None:
+    low, high = allowed
     if least < low or most > high:
         raise CableError(
             f"the trajectory moves joint {name!r} from {least:g} to {most:g} rad, but "

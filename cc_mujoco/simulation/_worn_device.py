@@ -21,7 +21,7 @@ from cc_mujoco.device import IN_EPISODES, Nominal, Plant
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import DeviceModel, joint_range
+from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._observation import OBSERVATION_LIMIT
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
 from cc_mujoco.device._variables import OF_CABLES, find
@@ -294,12 +294,10 @@ def axis_trajectories(
 ) -> tuple[Trajectory, ...]:
     description = device.description
     chosen = description.trajectory if given is None else given
-    # The phase of a walk is that of the first axis.
-    joints = dict.fromkeys((*(axis.limb for axis in description.axes), *device.movers))
-    ranges = {joint: joint_range(device.model, joint) for joint in joints}
     found: list[Trajectory] = []
     for axis in description.axes:
-        source = trajectory(chosen, axis.reach, axis.centre, ranges)
+        # The phase of a walk is that of the first axis.
+        source = trajectory(chosen, axis.reach, axis.centre, device.ranges)
         found.append(next((one for one in found if one == source), source))
     return tuple(found)
 

@@ -27,7 +27,7 @@ from cc_mujoco._workers import Tick
 from cc_mujoco.control import axes_controller
 from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
-from cc_mujoco.design._protocol import EpisodeProtocol, is_stride_metric, metric_of
+from cc_mujoco.design._protocol import EpisodeProtocol, metric_of
 from cc_mujoco.design._scenarios import LEAST_SUFFIX
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_columns import axis_columns
@@ -39,7 +39,7 @@ from cc_mujoco.human import Spring, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
-from cc_mujoco.metrics import ArrayLog, measure
+from cc_mujoco.metrics import METRICS, ArrayLog, measure
 from cc_mujoco.metrics._formulas import (
     CHIRP_HIGH,
     CHIRP_LOW,
@@ -163,13 +163,14 @@ class _Scores:
     ) -> None:
         """Start the tables; measure the plants' parts if a metric needs them."""
         self._protocol = protocol
-        laws, names = protocol.controllers, protocol.metrics
+        laws = protocol.controllers
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
-        walks = any(map(is_stride_metric, names))
+        self._metrics = [metric_of(name) for name in protocol.metrics]
+        walks = any(Key.PACE in metric.needs for metric in self._metrics)
         strides = joints_of_gait(protocol.device) if walks else {}
         self._facts = [_facts(protocol, plant, strides) for plant in plants]
         self._cables = tuple(plants[0].cables)
-        if all(metric_of(name).test != "parts" for name in names):
+        if all(metric.test != "parts" for metric in self._metrics):
             return
         for one, plant, model in zip(self.tried, plants, itertools.cycle(models)):
             whole = parts_of(plant, dict(protocol.costs))
@@ -198,18 +199,17 @@ class _Scores:
     def _measured(self, test: Test, logs: Sequence[ArrayLog]) -> dict[str, float]:
         """Return the metrics of a test by column, from the log of each axis."""
         protocol = self._protocol
-        chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
+        chosen = [metric for metric in self._metrics if metric.test == test]
         if not protocol.axes:
             return {m.name: value for m, value in measure(logs[0], chosen).items()}
         whole = [metric for metric in chosen if not metric.of_axis]
         found = {m.name: value for m, value in measure(logs[0], whole).items()}
-        names = (protocols.split_metric(m.name)[1] for m in chosen if m.of_axis)
-        owns = dict.fromkeys(names)
+        names = (m.name.rpartition(".")[2] for m in chosen if m.of_axis)
+        owns = [METRICS[name] for name in dict.fromkeys(names)]
         for axis, log in zip(protocol.axes, logs, strict=True):
             # A stride is that of one joint, which the others do not have.
             walks = Key.PACE in log.metadata
-            there = [name for name in owns if walks or not is_stride_metric(name)]
-            values = measure(log, map(metric_of, there))
+            values = measure(log, (m for m in owns if walks or Key.PACE not in m.needs))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
         return found | protocols.over_axes(protocol, found)
 

@@ -372,9 +372,28 @@ class Problem:
     def plainly(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return measured minus simulated over the floor, (2, samples) per record."""
         chosen = range(len(self.floor)) if only is None else only
+        pairs = zip(chosen, self.deviations(x, chosen), strict=True)
+        return [deviation / self.floor[k] for k, deviation in pairs]
+
+    def deviations(
+        self, x: FloatArray, only: Indices | None = None
+    ) -> list[FloatArray]:
+        """Return measured minus simulated torques (2, samples) per record [N m]."""
+        chosen = range(len(self.floor)) if only is None else only
         pairs = zip(chosen, self.torques(x, chosen), strict=True)
-        records, floor = self.plant.records, self.floor
-        return [(records[k].measured - torque) / floor[k] for k, torque in pairs]
+        return [self.plant.records[k].measured - torque for k, torque in pairs]
+
+    def misfit(self, places: Indices, errors: Arrays) -> float:
+        """Return the RMS of records' errors by Huber's loss, over that of sensor noise.
+
+        `errors` (2, samples) [N m] are of the records `places`.
+        """
+        masks = [self.plant.records[k].counts for k in places]
+        pairs = zip(places, errors, strict=True)
+        over = (huber_residual(error / self.floor[k]) for k, error in pairs)
+        off, noise = kept_samples(over, masks), self.noise_over_floor
+        usual = kept_samples((noise[k] for k in places), masks)
+        return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
 
     def torques(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return the simulated torques of each record (2, samples) [N m]."""

@@ -55,12 +55,12 @@ def trial_errors(
     """
     found, records, (model, x) = [], problem.plant.records, final
     values, plant = model.values(x), model.plant
-    for name, places in _record_indices(problem).items():
+    for name, places in problem.plant.by_trial.items():
         sides = before, after
         off, left = ([records[k].measured - side[k] for k in places] for side in sides)
         noise = [problem.noise[k] for k in places]
         rmse = [_rms(problem, places, errors) for errors in (off, left, noise)]
-        misfits = _misfit(problem, places, off), _misfit(problem, places, left)
+        misfits = problem.misfit(places, off), problem.misfit(places, left)
         shares = [plant.slack_share(values, model.effects, k) for k in places]
         sizes = [plant.records[k].time.size for k in places]
         slack = float(np.average(shares, weights=sizes))
@@ -110,7 +110,7 @@ class Odd(NamedTuple):
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     """Return an advice if trials fit better with exchanged torque columns, or ""."""
-    records, every = problem.plant.records, _record_indices(problem).items()
+    records, every = problem.plant.records, problem.plant.by_trial.items()
     firsts = {name: (own, records[own[0]]) for name, own in every}
     able = {n: own for n, (own, r) in firsts.items() if not (r.unhooked or r.load_cell)}
     places = {n: own for n, own in able.items() if len(records[own[0]].measured) == 2}
@@ -122,9 +122,9 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
             pairs = [
                 (records[k].measured, t) for k, t in zip(own, torques, strict=True)
             ]
-            off = _misfit(problem, own, [read - torque for read, torque in pairs])
+            off = problem.misfit(own, [read - torque for read, torque in pairs])
             swapped = [read[::-1] - torque for read, torque in pairs]
-            if off > least and _misfit(problem, own, swapped) < share * off:
+            if off > least and problem.misfit(own, swapped) < share * off:
                 found.append(name)
         return tuple(found)
 
@@ -154,7 +154,7 @@ def find_outlier_trial(
     Another pretension, friction or tilt has to bring it to their level. `tuned` are the
     errors by trial of the tuned scene, see `misfits`; None if that is the model.
     """
-    places = _record_indices(problem)
+    places = problem.plant.by_trial
     if len(places) < Limit.min_outlier_trials:
         return None
     off = misfits(problem, x)
@@ -207,23 +207,23 @@ def extreme_condition(problem: Problem, names: Sequence[str]) -> str:
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
     """Return every trial's RMS error by Huber's loss, over that of sensor noise."""
-    errors = _errors(problem, x)
-    places = _record_indices(problem).items()
-    return {n: _misfit(problem, own, [errors[k] for k in own]) for n, own in places}
+    errors = problem.deviations(x)
+    places = problem.plant.by_trial.items()
+    return {n: problem.misfit(own, [errors[k] for k in own]) for n, own in places}
 
 
 def _leave_out(
     problem: Problem, x: FloatArray, names: tuple[str, ...]
 ) -> tuple[Odd, FloatArray]:
     """Return the error of trials by a fit to the others, and the fitted parameters."""
-    places = _record_indices(problem)
+    places = problem.plant.by_trial
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
     records = problem.plant.records
     masks = [r.free & (k not in own) for k, r in enumerate(records)]
     there = fitting.fit(problem, x, masks).x
-    errors = _errors(problem, there)
-    off, left = (_misfit(problem, k, [errors[j] for j in k]) for k in (own, rest))
+    errors = problem.deviations(there)
+    off, left = (problem.misfit(k, [errors[j] for j in k]) for k in (own, rest))
     return Odd(names, off, left), there
 
 
@@ -250,7 +250,7 @@ def _best_own_constant(
             plant = problem.plant.limited([record])
             (torque,) = plant.simulate(changed, problem.effects)
             errors.append(record.measured - torque)
-        return _misfit(problem, places, errors)
+        return problem.misfit(places, errors)
 
     tried = {}
     for name in names:
@@ -288,19 +288,6 @@ def _best_own_constant(
     return left, f"its pretension were {there} N, not {usual} N"
 
 
-def _record_indices(problem: Problem) -> dict[str, list[int]]:
-    found: dict[str, list[int]] = {}
-    for k, record in enumerate(problem.plant.records):
-        if record.counts.any():
-            found.setdefault(record.trial, []).append(k)
-    return found
-
-
-def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
-    pairs = zip(problem.plant.records, problem.torques(x), strict=True)
-    return [record.measured - torque for record, torque in pairs]
-
-
 def _rms(problem: Problem, places: Sequence[int], errors: Arrays) -> dict[str, float]:
     """Return each channel's RMS error [N m], with samples weighted by 1 / floor^2."""
     records = problem.plant.records
@@ -310,17 +297,6 @@ def _rms(problem: Problem, places: Sequence[int], errors: Arrays) -> dict[str, f
     total = np.sum([w.sum(axis=1) for w in weights], axis=0)
     found = np.sqrt(squares / total).tolist()
     return dict(zip(problem.plant.instruments.channels, found, strict=True))
-
-
-def _misfit(problem: Problem, places: Sequence[int], errors: Arrays) -> float:
-    """Return the RMS error of records by Huber's loss, over that of sensor noise."""
-    masks = [problem.plant.records[k].counts for k in places]
-    noise, floor = problem.noise_over_floor, problem.floor
-    pairs = zip(places, errors, strict=True)
-    over = (fitting.huber_residual(error / floor[k]) for k, error in pairs)
-    off = fitting.kept_samples(over, masks)
-    usual = fitting.kept_samples((noise[k] for k in places), masks)
-    return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
 
 
 VARIED_PARAMETERS = (
@@ -711,7 +687,7 @@ def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
     """Compare parameters and sizes of effects by occasion; None for a single one."""
-    names = simulation.occasions_of(problem.plant.records)
+    names = problem.plant.occasions
     if len(names) < 2:
         return None
     tuned = {parameter.name: parameter for parameter in problem.tuned}

@@ -18,7 +18,6 @@ from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Problem, TorqueDerivatives
 from cc_mujoco.diagnosis._phrases import effect_name, format_number
 from cc_mujoco.diagnosis._rig.records import Arrays, Record, wind_up_angle
-from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
 from cc_mujoco.diagnosis._search.search import Found, Search
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -579,7 +578,7 @@ def motion_record(
 def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
     """Return a motion as a record on the last occasion of the data."""
     records, bench = problem.plant.records, problem.plant.bench
-    last = occasions_of(records)[-1]  # on which it is recorded
+    last = problem.plant.occasions[-1]  # on which it is recorded
     records = tuple(each for each in records if each.occasion == last)
     base = next((each for each in records if not each.unhooked), records[0])
     tension = base.pretension

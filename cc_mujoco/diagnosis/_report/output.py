@@ -447,7 +447,7 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
     problem = result.problem
     assert problem is not None
     records, lever = problem.plant.records, result.bench.lever
-    last = simulation.occasions_of(records)[-1]  # of which the scene is
+    last = problem.plant.occasions[-1]  # of which the scene is
     first = next(k for k, each in enumerate(records) if each.occasion == last)
     record = records[first]
     values = problem.values(result.x)

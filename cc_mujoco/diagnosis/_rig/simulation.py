@@ -74,11 +74,6 @@ def base_name(name: str) -> str:
     return name.partition("@")[0]
 
 
-def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
-    """Return the occasions, in the order of their first trials."""
-    return tuple(dict.fromkeys(record.occasion for record in records))
-
-
 def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]:
     there = {name: values.get(change_name(name, occasion)) for name in _CHANGING}
     own = {name: change for name, change in there.items() if change is not None}
@@ -97,7 +92,7 @@ def change_parameters(
     baseline: Sequence[Tuned], records: Sequence[Record], bench: Bench
 ) -> list[Tuned]:
     """Return a parameter for each change of `baseline` since an earlier occasion."""
-    *earlier, last = occasions_of(records)
+    *earlier, last = dict.fromkeys(record.occasion for record in records)
     found = []
     for occasion in earlier:
         pair = occasion, last
@@ -416,6 +411,20 @@ class SimulatedRig:
     @cached_property
     def library(self) -> Library:
         return available_effects(self)
+
+    @cached_property
+    def occasions(self) -> tuple[str, ...]:
+        """Occasions of the records, in the order of their first trials."""
+        return tuple(dict.fromkeys(record.occasion for record in self.records))
+
+    @cached_property
+    def by_trial(self) -> dict[str, list[int]]:
+        """Indices of the records of each trial in which samples count."""
+        found: dict[str, list[int]] = {}
+        for k, record in enumerate(self.records):
+            if record.counts.any():
+                found.setdefault(record.trial, []).append(k)
+        return found
 
     @cached_property
     def _absent(self) -> dict[str, float]:

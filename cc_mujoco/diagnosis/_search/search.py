@@ -27,7 +27,6 @@ from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Probl
 from cc_mujoco.diagnosis._fit.trials import TrialDifferences
 from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._rig.records import Arrays, Record
-from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search import candidates as screening
 from cc_mujoco.diagnosis._search.candidates import Candidate, Changes, Round, Signature
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -425,8 +424,8 @@ class Found:
 
 def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     """Find the effects that explain the error, and fit their model to all data."""
-    records, crossed = fitted.problem.plant.records, fitted.crossed
-    several, by_trial = len(occasions_of(records)) > 1, ""
+    crossed, by_trial = fitted.crossed, ""
+    several = len(fitted.problem.plant.occasions) > 1
     if not several and crossed.misfit > Limit.max_explained_error:
         constants = fitted.problem, fitted.whole.x, fitted.temperatures
         by_trial = TrialDifferences.of(*constants).at_random(crossed.misfit)

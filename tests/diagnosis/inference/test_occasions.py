@@ -32,7 +32,6 @@ from cc_mujoco.diagnosis._rig.records import prepare
 from cc_mujoco.diagnosis._rig.simulation import (
     SimulatedRig,
     baseline_parameters,
-    occasions_of,
     values_on,
 )
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
@@ -86,7 +85,7 @@ def test_a_proposed_trial_is_of_the_last_occasion_and_has_a_free_name() -> None:
     records, _ = prepare(replace(march, trials=march.trials + june.trials), BENCH)
     named = (*records[:-1], replace(records[-1], trial="June/trial_01"))
     assert next_trial_name(named) == "trial_02"
-    plant: Any = SimpleNamespace(plant=SimpleNamespace(records=named, bench=BENCH))
+    plant: Any = SimpleNamespace(plant=SimulatedRig(BENCH, named, 4))
     motion = motions(BENCH, 0.8, 3.0)[0]
     proposed = as_record(plant, motion)
     assert proposed.occasion == "June"
@@ -98,7 +97,7 @@ def test_a_proposed_trial_is_of_the_last_occasion_and_has_a_free_name() -> None:
 def test_a_change_moves_the_torques_of_its_occasion_only() -> None:
     recorded = two_occasions(1.0, DRAG)
     records, _ = prepare(recorded, BENCH)
-    assert occasions_of(records) == ("March", "June")
+    assert SimulatedRig(BENCH, records, 4).occasions == ("March", "June")
     free = {p.name: p for p in baseline_parameters(BENCH, records, {})}
     assert free["friction@March"].start == 1.0
     assert not any(name.endswith("@June") for name in free)

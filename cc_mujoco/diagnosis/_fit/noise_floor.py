@@ -90,7 +90,9 @@ def noise_floor(
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (Limit.min_floor_share * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
-    bases = [_cell_noise(base, record, dataset, filtering) for record in plant.records]
+    bases = [
+        _cell_noise(base, record, known.rows, filtering) for record in plant.records
+    ]
     alone = [total + own for total, own in zip(plain, bases, strict=True)]
     short = _unexplained(plant, clean, alone)
     tolerance = []
@@ -104,17 +106,15 @@ def noise_floor(
 
 
 def _cell_noise(
-    base: FloatArray, record: Record, dataset: Dataset, filtering: Filtering
+    base: FloatArray, record: Record, rows: Sequence[int], filtering: Filtering
 ) -> FloatArray:
     """Return a record's noise variance (rows, 1): `base`, or that of its load cell."""
     if (cell := record.load_cell) is None:
         return base
     found = base.copy()
-    channel = dataset.trial(record.trial).facts.load_cell
-    deviation = abs(cell.factor) * dataset.noise.get(channel, _NO_NOISE).deviation
-    row = dataset.instruments.rows.index(cell.row)
+    row = rows.index(cell.row)
     least = Limit.min_floor_share**2 * base[row, 0]
-    found[row] = max(deviation**2 * filtering.passed, least)
+    found[row] = max(record.cell_noise**2 * filtering.passed, least)
     return found
 
 

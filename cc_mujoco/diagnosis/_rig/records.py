@@ -192,6 +192,7 @@ class Record:
     swapped: bool = False  # true if the torque sensors had changed places
     # Load cell in one cable, compared in place of the torque at its end
     load_cell: SingleCell | None = None
+    cell_noise: float = 0.0  # standard deviation of its readings [N m]
     notes: str = ""  # notes on the trial
     # Further columns of the file (samples,), by name, and the temperature
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -286,10 +287,11 @@ def _record(
             for name in known.channels
         ]
     )
-    cell = None
+    cell, cell_noise = None, 0.0
     if name := facts.load_cell:
         cell = SingleCell.of(name, bench, facts.pretension)
         torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
+        cell_noise = abs(cell.factor) * noise[name].deviation if name in noise else 0.0
     read = passed[:, ::thin].copy()
     measured = low_pass(torques, filtering.band, trial.rate)[:, ::thin]
     pairs = zip(read, filtering.still, strict=True)
@@ -325,6 +327,7 @@ def _record(
         known_torques=(facts.known_motor_torque, facts.known_joint_torque),
         swapped=facts.swapped,
         load_cell=cell,
+        cell_noise=cell_noise,
         notes=facts.notes,
         start=float(time[0] - trial.time[0]),
         split=facts.split,

@@ -24,7 +24,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -397,8 +397,8 @@ def axes_controller(
         CableError: There is no such controller or axis, or an axis has none; or a
             single axis is to be decoupled.
     """
-    require_decoupling(given, len(drives))
-    if is_policy(given) or (len(drives) == 1 and not isinstance(given, Mapping)):
+    alone = (is_policy(given) or len(drives) == 1) and not is_decoupled(given)
+    if alone and not isinstance(given, Mapping):
         return _controller_of(given, drives, prefixes)
     if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
         name = given if isinstance(given, str) else make.__qualname__
@@ -463,7 +463,7 @@ def _for_all_axes(given: Law) -> Any:
     return given if getattr(given, "ALL_AXES", False) else None
 
 
-def is_policy(given: Law | Mapping[str, Law]) -> TypeGuard[str]:
+def is_policy(given: Law | Mapping[str, Law]) -> bool:
     """Return whether a controller is the file of a policy, which drives all axes."""
     alone = isinstance(given, str) and given.endswith(POLICY_ENDING)
     return alone and named_laws(given) == [given]
@@ -484,26 +484,25 @@ def _is_code(law: Law) -> bool:
     return is_user_controller(law) and not law.endswith(POLICY_ENDING)
 
 
-def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
-    """Raise a `CableError` for `decoupled_NAME` of an unknown NAME or a single axis."""
-    if not isinstance(given, str) or not is_decoupled(given):
-        return
-    for name in named_laws(given):
-        if not is_user_controller(name) and name not in CONTROLLERS:
-            error = CableError.unknown("suffix", name, CONTROLLERS)
-            raise CableError(f"controller {given!r}: {error}")
-    if axes == 1:
-        raise CableError(
-            f"controller {given!r} decouples several driven axes, and here is one; "
-            f"take {given.removeprefix(DECOUPLED)!r}."
-        )
-
-
 def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
-    """Return the name or function of the controller of every axis."""
+    """Return the name or function of the controller of every axis.
+
+    Raises `CableError` for an unknown axis, an axis without a controller, and for
+    `decoupled_NAME` of an unknown NAME or a single axis.
+    """
     names = [prefix.rstrip(".") for prefix in prefixes]
     if isinstance(given, str):
-        given = split_by_axis(given.removeprefix(DECOUPLED), names)
+        for name in named_laws(given) if is_decoupled(given) else ():
+            if not is_user_controller(name) and name not in CONTROLLERS:
+                error = CableError.unknown("suffix", name, CONTROLLERS)
+                raise CableError(f"controller {given!r}: {error}")
+        bare = given.removeprefix(DECOUPLED)
+        if is_decoupled(given) and len(names) == 1:
+            raise CableError(
+                f"controller {given!r} decouples several driven axes, and here is one; "
+                f"take {bare!r}."
+            )
+        given = split_by_axis(bare, names)
     if not isinstance(given, Mapping):
         return [given] * len(names)
     for name in given:

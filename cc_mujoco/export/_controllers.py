@@ -257,16 +257,16 @@ class ExportPlan:
             CableError: There is no such controller, it cannot be exported, it needs
                 cables and there are none, or iterations are limited where none plans.
         """
-        registry.require_decoupling(given, len(drives))
         if len(drives) > 1 and registry.is_policy(given):
             raise CableError(
                 f"policy {given!r} drives several axes at once, and C has policies of "
                 "one axis; --target onnx writes its network."
             )
-        laws, coupling = [given], None
-        if len(drives) > 1:
+        is_decoupled, coupling = registry.is_decoupled(given), None
+        laws = [given]
+        if len(drives) > 1 or is_decoupled:
             laws = list(map(str, registry.by_axis(given, prefixes)))
-        if is_decoupled := registry.is_decoupled(given):
+        if is_decoupled:
             drives, coupling = registry.decoupled_drives(drives, prefixes)
         # A name in C does not begin with a digit.
         plain = [_identifier(prefix.rstrip(".")) for prefix in prefixes]

@@ -107,3 +107,36 @@ def test_the_conduit_to_the_heel_leaves_hip_and_knee_alone() -> None:
     assert after["ankle"] == pytest.approx(-0.12 * pull, rel=5e-3)
     assert read(m, d, "thigh").tension_proximal == 0.0  # nobody winds it
     assert [after["hip"], after["knee"]] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_the_ends_take_up_and_give_back_the_work_that_was_measured() -> None:
+    """Yandell et al. 2017, see the scene; the work is that of joints and tensions."""
+    m, d = load()
+    drum, ankle = d.joint("motor_ankle"), d.joint("ankle")
+    own, log = from_mjcf(m)["heel"], []
+    d.actuator("wearer_ankle").ctrl[0] = ankle.qpos[0] = 0.2
+    settle(m, d)
+    steps = 4000  # slow: 4 s, up and down
+    for k in range(steps):
+        share = k / steps
+        d.actuator("wearer_ankle").ctrl[0] = 0.2 - 0.4 * share
+        d.actuator("motor_ankle").ctrl[0] = 7.4 * min(2.0 * share, 2.0 - 2.0 * share)
+        for _ in range(2):
+            mujoco.mj_step(m, d)
+        reading = read(m, d, "heel")
+        mean = reading.tension.mean()
+        stretch = own.length * mean / own.axial_stiffness
+        given = 0.025 * drum.qpos[0] - stretch  # past the mouth
+        log.append((reading.tension_distal, given, -d.tendon("heel").length[0]))
+    pull, given, used = np.array(log).T
+    peak = int(np.argmax(pull))
+    assert pull[peak] == pytest.approx(250.0, rel=0.1)
+    taken = given - used  # by the ends
+    used_up, taken_up, used_all, taken_all = (
+        np.trapezoid(pull[part], path[part])
+        for part in (slice(peak + 1), slice(None))
+        for path in (used, taken)
+    )
+    assert taken_up / (used_up + taken_up) == pytest.approx(0.55, abs=0.05)
+    assert taken_all < 0.5 * taken_up  # most comes back
+    assert used_all / (used_all + taken_all) == pytest.approx(0.75, abs=0.05)

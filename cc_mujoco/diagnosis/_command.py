@@ -124,7 +124,8 @@ class Diagnose:
         if found.gap:
             print("  The noise floor is the error that the sensors' noise alone makes.")
         unknown = found.verdict == "unknown"
-        stated = (found.occasions, found.belief, *found.where[: int(unknown)])
+        places = found.where[: int(unknown)]
+        stated = found.occasions, found.belief, found.learned, *places
         occasions, belief, *where = (each.statement if each else "" for each in stated)
         for remark in (occasions, found.instruments, belief, found.question, *where):
             if remark:

@@ -262,6 +262,30 @@ class Limit:
     clip_sigmas = 3.0  # Deviations beyond which an error counts no more than this
     decision_sigmas = 3.0  # by which one amplitude has to fit better than the other
 
+    # Learned curves.
+    curve_points = 25  # of a table, which part a bump of 8 % of the range
+    ranked_points = 13  # the same where candidates are ranked
+    period_points = 8  # the same of one period
+    curve_edge = 0.005  # Share of the samples beyond either end of a table
+    # Squares of bends, of steps and of values between points that count as much as the
+    # mean square of the samples, times the penalty that predicts best
+    curve_bends = 1.0
+    curve_steps = 0.3  # so that a table holds its value where training data end
+    curve_ridge = 1e-3
+    curve_penalties = (1e-4, 1e-3, 1e-2, 1e-1)  # tried
+    first_penalty = 1e-2  # where candidates are ranked
+    curve_folds = 4  # Parts of the training trials left out in turn
+    min_curve_groups = 4  # Trials, not repeated, from which on curves are learned
+    max_curves = 3  # Most curves
+    refined_curves = 4  # Candidates tried with every penalty and side
+    max_waves = 400  # Most periods of a quantity that are tried
+    # Share of the gap that is left, on trials not used, below which curves are refused
+    min_learned_share = 1.0 / 3.0
+    learned_evaluations = 6  # Most of the fit of a model with curves
+    learned_travel = 0.1  # up to which travel since a motor turned is known [rad]
+    # Share of the largest torque over which the direction of a torque turns
+    learned_turn = 0.02
+
     # Proposed trials.
     decisive_sigmas = 5.0  # Difference, over noise and form, that settles a tie
     min_motion_correlation = 0.9  # with a motion from which on a trial is one of it

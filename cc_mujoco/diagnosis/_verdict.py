@@ -76,7 +76,7 @@ class Evidence:
     )
 
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
@@ -282,6 +282,31 @@ class VerdictOdds:
 
 
 @dataclass(frozen=True)
+class LearnedTable:
+    """Torque over one quantity, linear between points, learned from the error."""
+
+    id: str  # of its class in `learned.py`
+    over: str  # name of the quantity
+    unit: str  # of the quantity
+    times: str  # factor of the torques, "" for 1
+    period: float  # after which the table repeats, 0 if it does not
+    at: tuple[float, ...]  # points of the quantity
+    torque_unit: str  # of the torques over their factor
+    torque: Mapping[str, tuple[float, ...]]  # what is added at the points, by channel
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Curves of what no effect explains, tested on trials that they have not seen."""
+
+    statement: str  # one or two sentences
+    curves: tuple[LearnedTable, ...]  # none where they take too little
+    gap: Mapping[str, Gap]  # by channel, before and after the curves
+    gap_closed: float  # of all channels together, as in `Gap`
+    ci95: tuple[float, float]  # of `gap_closed`
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Everything that `verdict.json` holds, field by field."""
 
@@ -324,6 +349,8 @@ class Diagnosis:
     """Limits of the instruments in words; empty of two torque sensors."""
     occasions: Occasions | None = None
     """Comparison of occasions, None where there is one."""
+    learned: Learned | None = None
+    """Curves of what is left; None where none were looked for."""
     interrupted: bool = False
     """True if the search was stopped before all effects were tried."""
     belief: VerdictOdds | None = None

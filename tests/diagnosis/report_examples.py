@@ -12,6 +12,8 @@ from cc_mujoco.diagnosis._verdict import (
     FoundEffect,
     Gap,
     Isolability,
+    Learned,
+    LearnedTable,
     Map,
     NextExperiment,
     NotTestable,
@@ -131,11 +133,24 @@ _EXPERIMENT = NextExperiment(
     ("stribeck_friction", "presliding"),
     "0.12 N m RMS of joint torque, four times the noise.",
 )
+_LEARNED = Learned(
+    "Learned from the error: a curve of the joint torque over the joint angle.",
+    (
+        LearnedTable(
+            *("learned_joint_angle", "joint angle", "rad", "", 0.0),
+            *((-0.4, 0.0, 0.4), "N m", {"joint_torque_nm": (0.0, 0.2, 0.0)}),
+        ),
+    ),
+    _CLOSED,
+    0.98,
+    (0.95, 0.99),
+)
 
 DIAGNOSES = {
     "named": Diagnosis(
         "named",
         "The simulation lacks Stribeck friction; with it, 99 % of the gap is gone.",
+        learned=_LEARNED,
         effects=(
             FoundEffect(
                 "stribeck_friction",

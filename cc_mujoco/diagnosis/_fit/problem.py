@@ -742,11 +742,27 @@ def gaps(
     problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
 ) -> dict[str, Gap]:
     """Return the `Gap` of each channel on the held-out samples of a division."""
-    records = problem.plant.records
+    random = np.random.default_rng(seed)
+    sums = _gap_sums(problem, before, after, division)
+    return {channel: _gap_of_sums(own, random) for channel, own in sums.items()}
+
+
+def whole_gap(
+    problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
+) -> Gap:
+    """Return the `Gap` of all channels together, as `gaps` has it of each."""
+    sums = _gap_sums(problem, before, after, division)
+    whole = np.sum([*sums.values()], axis=0)
+    return _gap_of_sums(whole, np.random.default_rng(seed))
+
+
+def _gap_sums(
+    problem: Problem, before: Arrays, after: Arrays, division: Folds
+) -> dict[str, FloatArray]:
+    """Return squares by block and channel, (blocks, 4) as `_gap_of_sums` takes them."""
+    records, found = problem.plant.records, {}
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]
-    found = {}
-    random = np.random.default_rng(seed)
     for row, channel in enumerate(problem.plant.instruments.channels):
         squares = []
         for record, mask, old, new, noise, floor in zip(
@@ -755,8 +771,7 @@ def gaps(
             read = record.measured[row]
             errors = read - old[row], read - new[row], noise[row], np.ones(mask.size)
             squares.append(np.square(errors) * mask / floor[row] ** 2)
-        sums = block_sums(problem, masks, squares)
-        found[channel] = _gap_of_sums(sums, random)
+        found[channel] = block_sums(problem, masks, squares)
     return found
 
 

@@ -7,7 +7,7 @@ with style():
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis._verdict import (
     Evidence,
     Gap,
     Isolability,
+    LearnedTable,
     Map,
     TrialTrace,
 )
@@ -163,7 +164,7 @@ def _draw_bars(axes: Axes, visible: NDArray[np.float64]) -> None:
     axes.set_xlabel("size over noise [1]", fontsize=8, loc="right")
 
 
-FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
+FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "learned", "isolability")
 """File names of all possible figures, without `.png`."""
 
 
@@ -174,6 +175,8 @@ def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
         "isolability": draw_isolability(evidence.isolability, 7.2),
     }
+    if diagnosis.learned and diagnosis.learned.curves:
+        found["learned"] = draw_curves(diagnosis.learned.curves)
     if shown := excerpts(evidence):
         most, usual = shown
         found["traces"] = draw_excerpt(most, both)
@@ -222,6 +225,25 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
         _draw_map(axes, each, both)
     handles, labels = drawing.axes[0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside upper center", ncols=3)
+    return drawing
+
+
+def draw_curves(curves: Sequence[LearnedTable]) -> Figure:
+    """Draw learned curves, a panel for each quantity."""
+    drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(curves))
+    panels = drawing.subplots(len(curves), squeeze=False)[:, 0]
+    for axes, each in zip(panels, curves, strict=True):
+        for (channel, table), color in zip(
+            each.torque.items(), (BLUE, ORANGE), strict=False
+        ):
+            label = words.channel_name(channel)
+            axes.plot(each.at, table, color=color, marker="o", ms=3.0, label=label)
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        factor = f" per {each.times}" if each.times else ""
+        again = " within a period" if each.period else ""
+        added = f"torque{factor} [{each.torque_unit}]"
+        axes.set(xlabel=f"{each.over}{again} [{each.unit}]", ylabel=added)
+        axes.legend()
     return drawing
 
 

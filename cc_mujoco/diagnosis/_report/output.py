@@ -38,6 +38,7 @@ from cc_mujoco.device._report import write_description
 from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
+from cc_mujoco.diagnosis._learn.residual import file_text as learned_text
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import drawings, sections
 from cc_mujoco.diagnosis._rig import simulation
@@ -46,7 +47,7 @@ from cc_mujoco.diagnosis._scene import realisation
 from cc_mujoco.diagnosis._scene.repair import repair_scene, rollout
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, NextExperiment
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray
@@ -164,6 +165,7 @@ class DiagnosisResult:
     x: FloatArray = field(default_factory=lambda: np.zeros(0))  # where it is fitted
     baseline_fit: BaselineFit | None = None  # None where nothing was fitted
     motion: CataloguedTrial | None = None  # motion of the proposed trial, or None
+    learned: tuple[type, ...] = ()  # classes of learned curves in `problem`
 
 
 REPORT_PAGE = "report.html"
@@ -201,6 +203,8 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     maps = drawn(
         "maps", "Mean error, measured minus simulated, over what it lies along."
     )
+    learned = sections.learned(diagnosis)
+    curves = drawn("learned", "Learned curves: what is added to the torque.")
     figure = drawn(
         "isolability",
         "Left: similarity of the changes that two effects make to the signals, once "
@@ -220,6 +224,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         "trials": ("How far off every trial is", sections.trials(diagnosis)),
         "where": ("Where the error lies", sections.error_location(diagnosis)),
         "maps": ("Maps of the error", html.illustrated(sections.maps(evidence), maps)),
+        "learned": ("What curves take", html.illustrated(learned, curves)),
         "candidates": ("What was tried", sections.candidates(diagnosis)),
         "likeness": ("What these data can distinguish", likeness),
         "untested": ("What these data hide", sections.untested_effects(diagnosis)),
@@ -244,9 +249,9 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     return html.page(words.headline(diagnosis), diagnosis.verdict, head, body, foot)
 
 
-SCENE_FILE = "scene.xml"
+SCENE_FILE, LEARNED_FILE = "scene.xml", "learned.py"
 OPTIONAL_FILES = (
-    SCENE_FILE,
+    *(SCENE_FILE, LEARNED_FILE),
     "evidence.rrd",
     *(f"{stem}.png" for stem in drawings.FIGURE_STEMS),
 )
@@ -349,6 +354,9 @@ def write(
                 noticed = (*diagnosis.problems, *problems)
                 diagnosis = replace(diagnosis, problems=noticed)
                 write_recording(place / "evidence.rrd", result.evidence)
+            if (curves := diagnosis.learned) and curves.curves:
+                text = learned_text(curves)
+                (place / LEARNED_FILE).write_text(text, encoding="utf-8")
             write_report(place, diagnosis, result.evidence)
             diagnosis.write(place / VERDICT_FILE)
             there = {file.name for file in place.iterdir()}
@@ -377,6 +385,12 @@ def write_proposed(
 
 
 def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
+    """Write the repaired scene; return sentences on it and on what it lacks."""
+    with effects_in_use(result.learned):
+        return _written_scene(result, path)
+
+
+def _written_scene(result: DiagnosisResult, path: Path) -> list[str]:
     problem = result.problem
     assert problem is not None
     values = problem.values(result.x)

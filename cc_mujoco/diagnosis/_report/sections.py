@@ -364,6 +364,19 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
     return join_pieces([bullet_list(items, ranked=True), paragraph(note, kind="small")])
 
 
+def learned(diagnosis: Diagnosis) -> Html | None:
+    found = diagnosis.learned
+    if found is None:
+        return None
+    lines = [gap_sentence(name, each) for name, each in found.gap.items()]
+    key = (
+        "Each trial is predicted by curves that were chosen, and fitted together with "
+        "the tuned values, without it."
+    )
+    parts = [paragraph(found.statement), bullet_list(lines)]
+    return join_pieces([*parts, paragraph(key, kind="small")])
+
+
 def unknown(diagnosis: Diagnosis) -> Html | None:
     if diagnosis.verdict != "unknown":
         return None

@@ -528,16 +528,32 @@ class SimulatedRig:
         motor = values.get("motor_radius", bench.motor_radius)
         return motor, values.get("joint_radius", bench.joint_radius)
 
+    def signals(
+        self, record: Record, values: Values, effects: Sequence[str]
+    ) -> terms.Signals:
+        """Return the signals of a record, before lag, offset and filter of sensors."""
+        own = values_on(values, record.occasion)
+        conditions = self.conditions_of(record, effects)
+        setting = self.setting(own, effects, record.pretension, conditions)
+        return self._with_effects(self._torques(record, setting, own), own, effects)
+
+    def _with_effects(
+        self, shown: terms.Signals, values: Values, effects: Sequence[str]
+    ) -> terms.Signals:
+        values = {**self._absent, **values}
+        for effect in sorted(map(EFFECTS.__getitem__, effects), key=lambda e: e.sensor):
+            if effect.torques is not None:
+                shown = effect.torques(shown, values)
+        return shown
+
     def _shown(
         self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
     ) -> FloatArray:
         if record.swapped:
             values = _swap_sensors(values)
-        shown = self._torques(record, setting, values)
-        values = {**self._absent, **values}
-        for effect in sorted(map(EFFECTS.__getitem__, effects), key=lambda e: e.sensor):
-            if effect.torques is not None:
-                shown = effect.torques(shown, values)
+        shown = self._with_effects(
+            self._torques(record, setting, values), values, effects
+        )
         motor, joint = (values.get(name, 0.0) for name in TORQUE_DELAYS)
         lags = (shown.motor, motor), (shown.joint, setting.late + joint)
         moved = [shift_signal(torque, -late / record.dt) for torque, late in lags]

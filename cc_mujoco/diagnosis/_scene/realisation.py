@@ -348,9 +348,7 @@ def cogging(spec: MjSpec, bench: Bench, values: Values) -> None:
     cosine, sine = values["cogging_cosine"], values["cogging_sine"]
     if cosine == sine == 0.0:
         return
-    _add_periodic_torque(spec, "motor_cogging", bench.motor, order, -sine, -cosine)
-    if bench.lever is None:
-        add_torque_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
+    add_wave(spec, bench, "motor", "motor_cogging", order, sine, cosine)
 
 
 def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
@@ -358,9 +356,7 @@ def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
     cosine, sine = values["gravity_cosine"], values["gravity_sine"]
     if bench.lever is not None:
         cosine *= bench.lever.sign  # angle and torque are both turned round
-    _add_periodic_torque(spec, GRAVITY_ACTUATOR, bench.joint, 1.0, -sine, -cosine)
-    if bench.lever is None:
-        add_torque_part(spec, JOINT_TORQUE, force_sensor(spec, GRAVITY_ACTUATOR), 1.0)
+    add_wave(spec, bench, "joint", GRAVITY_ACTUATOR, 1.0, -sine, -cosine)
 
 
 def tilt_rig(model: MjModel, tilt: float) -> None:
@@ -368,6 +364,26 @@ def tilt_rig(model: MjModel, tilt: float) -> None:
     number = mujoco.mj_name2id(model, mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
         model.actuator_biasprm[number, 2] += tilt  # phase of the ripple
+
+
+def add_wave(
+    spec: MjSpec,
+    bench: Bench,
+    side: Literal["motor", "joint"],
+    name: str,
+    order: float,
+    sine: float,
+    cosine: float,
+) -> None:
+    """Add sine sin(order q) + cosine cos(order q) to the torque of a side [N m].
+
+    The angle q is that of the side; the load of the motor and its sensor have opposite
+    signs.
+    """
+    sign, joint = (-1.0, bench.motor) if side == "motor" else (1.0, bench.joint)
+    _add_periodic_torque(spec, name, joint, order, sign * sine, sign * cosine)
+    if bench.lever is None:
+        add_torque_part(spec, f"{side}_torque_nm", force_sensor(spec, name), sign)
 
 
 def _add_periodic_torque(
@@ -548,5 +564,6 @@ def unrealisable_reason(bench: Bench, name: str) -> str:
         return ""
     outside = effect and (effect.torques or effect.joint_arm or effect.motor_arm)
     if effect is None or effect.cables is None or outside:
-        return "nothing says how MuJoCo has it (method `edit_spec` of its class)"
+        usual = "nothing says how MuJoCo has it (method `edit_spec` of its class)"
+        return (effect and effect.scene_note) or usual
     return ""  # keys of the cables

@@ -209,7 +209,8 @@ class Effect:
     where: Place = "conduit"  # part of the rig in which it acts
     # Values that fits start from, typical unless given; several of an unknown scale
     starts: tuple[Values, ...] = ({},)
-    scene_note: str = ""  # how `edit_spec` adds it, for the comment of a written scene
+    # How `edit_spec` adds it, for the comment of a written scene, or why it cannot
+    scene_note: str = ""
     # The cables with the effect; by default with its parameters on every cable
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
     # The signals with the effect, in the order motor, joint, sensors
@@ -491,7 +492,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         starts=starts,
         required_excitation=needs,
         confounded_with=tuple(getattr(made, "confused_with", ())),
-        scene_note=getattr(made, "scene_note", "") or "as its class edits the scene",
+        scene_note=getattr(made, "scene_note", "")
+        or ("as its class edits the scene" if editing else ""),
         source=getattr(made, "source", f"class {kind.__qualname__}"),
         cables=_guarded(name, cables, _check_cables),
         torques=_guarded(name, signals, _check_signals),

@@ -1,0 +1,1 @@
+"""Curves learned from the error that no effect explains."""

@@ -1,0 +1,388 @@
+"""Choice of learned curves by cross-validation over whole trials.
+
+The error is a sum of curves and of what tuning the model does, to first order: the
+derivatives of its torques. A curve is linear between a few points, with a penalty on
+bends and steps. Curves are added one after another, each the one that predicts left-out
+trials best, with the penalty that does. All of this sees training trials only; the
+share that is stated is that of trials which neither the choice nor the fit has seen.
+
+All fits are of products summed by trial, so that a fold takes no pass over the samples.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis._learn.curves import FACTORS, QUANTITIES, Quantity, Side
+from cc_mujoco.diagnosis._rig.records import low_pass
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis.effects._effect import Signals
+from cc_mujoco.native import FloatArray
+
+Groups = NDArray[np.intp]
+"""Places of groups of trials."""
+PERIODIC = "motor angle", "joint angle", "cable position"
+"""Quantities in which a curve may repeat."""
+
+
+class ErrorRecord(NamedTuple):
+    """One record as the learning sees it."""
+
+    group: str  # name of the trials that repeat each other, which no fold parts
+    signals: Signals  # simulated, of the model
+    error: FloatArray  # (rows, samples) measured minus simulated [N m]
+    slopes: FloatArray  # (parameters, rows, samples) of the torques [N m]
+    weight: FloatArray  # (rows, samples) of the error, 0 for samples left out [1/N m]
+    noise: FloatArray  # (rows, samples) deviation by the sensors [N m]
+    band: float  # cut-off of the torques [Hz]
+
+
+class CurveTerm(NamedTuple):
+    """Curve of one quantity, or a candidate for one."""
+
+    over: str  # of `QUANTITIES`
+    times: str  # of `FACTORS`
+    period: float = 0.0  # 0 for a curve that does not repeat
+    sides: tuple[Side, ...] = ()  # torques that it changes
+    penalty: float = Limit.first_penalty
+    points: int = Limit.ranked_points  # of a curve that does not repeat
+
+    @property
+    def key(self) -> CurveTerm:
+        """CurveTerm of the same columns."""
+        return CurveTerm(self.over, self.times, self.period, points=self.points)
+
+
+BASE = CurveTerm("", "")
+"""Columns of the parameters and of the error, in place of a curve."""
+
+
+def hats(values: FloatArray, at: FloatArray, period: float) -> FloatArray:
+    """Return the weights (points, samples) of a table's points at values."""
+    if period:
+        at, values = np.append(at, period), values % period
+    place = np.clip(np.searchsorted(at, values, side="right") - 1, 0, at.size - 2)
+    part = np.clip((values - at[place]) / (at[place + 1] - at[place]), 0.0, 1.0)
+    found = np.zeros((at.size, values.size))
+    samples = np.arange(values.size)
+    found[place, samples] = 1.0 - part
+    found[place + 1, samples] += part
+    if period:
+        found[0] += found[-1]
+        found = found[:-1]
+    return found
+
+
+def roughness(size: int, repeats: bool) -> FloatArray:
+    """Return the matrix (size, size) of the penalty on a table's values."""
+    eye = np.eye(size)
+    steps = np.roll(eye, -1, 1) - eye if repeats else np.diff(eye, axis=0)
+    bends = steps @ steps if repeats else np.diff(eye, 2, axis=0)
+    both = Limit.curve_bends * (bends.T @ bends) + Limit.curve_steps * (steps.T @ steps)
+    return np.asarray(both + Limit.curve_ridge * eye)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorRows:
+    """Weighted errors, and what curves and parameters change in them, by group."""
+
+    stretches: Sequence[ErrorRecord]
+    sides: tuple[Side, ...]  # of the rows
+    places: FloatArray  # (parameters,) of the model where its errors are taken
+    precise: FloatArray  # (parameters,) inverse deviations of priors, 0 without one
+    _kept: dict[CurveTerm, FloatArray] = field(default_factory=dict)
+    _products: dict[tuple[CurveTerm, CurveTerm], FloatArray] = field(
+        default_factory=dict
+    )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the groups."""
+        return tuple(dict.fromkeys(stretch.group for stretch in self.stretches))
+
+    @cached_property
+    def _thin(self) -> list[tuple[int, int]]:
+        """Steps between the samples of curves before and after the filter."""
+        finest = [
+            s.signals.dt * Limit.samples_per_period * s.band for s in self.stretches
+        ]
+        first = [max(1, int(0.5 / each)) for each in finest]
+        return [
+            (n, n * max(1, int(1.0 / each / n)))
+            for n, each in zip(first, finest, strict=True)
+        ]
+
+    def _laid(self, parts: Sequence[FloatArray], weighted: bool = True) -> FloatArray:
+        """Return (groups, rows, samples, columns) of parts (columns, rows, samples)."""
+        by_name: dict[str, list[FloatArray]] = {name: [] for name in self.names}
+        for own, part, (_, step) in zip(self.stretches, parts, self._thin, strict=True):
+            factor = own.weight[:, ::step] if weighted else 1.0
+            by_name[own.group].append(part * factor)
+        whole = [np.concatenate(each, axis=2) for each in by_name.values()]
+        longest = max(each.shape[2] for each in whole)
+        found = np.zeros((len(whole), *whole[0].shape[:2], longest))
+        for into, each in zip(found, whole, strict=True):
+            into[:, :, : each.shape[2]] = each
+        return np.ascontiguousarray(found.transpose(0, 2, 3, 1))
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Squared error (groups,) that the noise of sensors makes."""
+        pairs = zip(self.stretches, self._thin, strict=True)
+        quiet = self._laid([own.noise[None, :, ::step] for own, (_, step) in pairs])
+        return np.asarray(np.square(quiet).sum(axis=(1, 2, 3)))
+
+    @cached_property
+    def _values(self) -> dict[str, FloatArray]:
+        """Every quantity of the first row (samples,), all stretches joined."""
+        places = range(len(self.stretches))
+        return {
+            name: np.concatenate([self._along(k, each, 1)[0] for k in places])
+            for name, each in QUANTITIES.items()
+        }
+
+    @cached_property
+    def varying(self) -> tuple[str, ...]:
+        """Quantities that are not constant but for rounding."""
+        sizes = {n: (np.ptp(v), np.max(np.abs(v))) for n, v in self._values.items()}
+        return tuple(n for n, (span, most) in sizes.items() if span > 1e-6 * most)
+
+    def at(self, term: CurveTerm) -> FloatArray:
+        """Return the points (points,) of the table of a term."""
+        if term.period:
+            return term.period * np.arange(Limit.period_points) / Limit.period_points
+        values = self._values[term.over]
+        shares = np.linspace(Limit.curve_edge, 1.0 - Limit.curve_edge, term.points)
+        often = np.quantile(values, shares)
+        return np.asarray(0.5 * (often + np.linspace(often[0], often[-1], term.points)))
+
+    def _along(self, k: int, quantity: Quantity, step: int) -> FloatArray:
+        """Return a quantity (rows, samples) of a stretch."""
+        signals = self.stretches[k].signals
+        return np.array([quantity.values(signals, side)[::step] for side in self.sides])
+
+    def curve(
+        self, k: int, term: CurveTerm, weights: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the torques of a stretch by a table's points or `weights` of them.
+
+        That is (points, rows, coarser samples), or (rows, samples) for weights (rows,
+        points) [N m].
+        """
+        own, at = self.stretches[k], self.at(term)
+        step = self._thin[k][0] if weights is None else 1
+        along = self._along(k, QUANTITIES[term.over], step)
+        factor = self._along(k, FACTORS[term.times], step)
+        shapes = [hats(values, at, term.period) for values in along]
+        rate = 1.0 / own.signals.dt / step
+        if weights is not None:
+            tables = [w @ shape for w, shape in zip(weights, shapes, strict=True)]
+            return low_pass(np.array(tables) * factor, own.band, rate)
+        return low_pass(np.stack(shapes, axis=1) * factor, own.band, rate)
+
+    def columns(self, term: CurveTerm) -> FloatArray:
+        """Return the columns (groups, rows, samples, columns) of a term."""
+        if term.key not in self._kept:
+            parts = []
+            for k, (own, (first, step)) in enumerate(
+                zip(self.stretches, self._thin, strict=True)
+            ):
+                if term.key == BASE:
+                    both = np.concatenate([own.slopes, own.error[None]])
+                    parts.append(both[:, :, ::step])
+                else:
+                    parts.append(self.curve(k, term)[:, :, :: step // first])
+            self._kept[term.key] = self._laid(parts)
+        return self._kept[term.key]
+
+    def _product(self, one: CurveTerm, other: CurveTerm) -> FloatArray:
+        """Return the products (groups, rows, columns of one, columns of other)."""
+        pair = one.key, other.key
+        if pair not in self._products:
+            left, right = self.columns(one), self.columns(other)
+            both = np.matmul(left.transpose(0, 1, 3, 2), right)
+            self._products[pair] = both
+            self._products[pair[::-1]] = both.transpose(0, 1, 3, 2)
+        return self._products[pair]
+
+    def squares(self, terms: Sequence[CurveTerm]) -> FloatArray:
+        """Return products (groups, n, n) of parameters, error and every table."""
+        blocks = [
+            (BASE, -1),
+            *((t, self.sides.index(s)) for t in terms for s in t.sides),
+        ]
+        sizes = [self.columns(term).shape[3] for term, _ in blocks]
+        ends = np.cumsum([0, *sizes])
+        found = np.zeros((len(self.names), ends[-1], ends[-1]))
+        for i, j in itertools.combinations_with_replacement(range(len(blocks)), 2):
+            (one, a), (other, b) = blocks[i], blocks[j]
+            if min(a, b) >= 0 and a != b:
+                continue
+            both = self._product(one, other)
+            part = both[:, max(a, b)] if max(a, b) >= 0 else both.sum(axis=1)
+            rows, columns = (slice(ends[k], ends[k + 1]) for k in (i, j))
+            found[:, rows, columns] = part
+            found[:, columns, rows] = part.transpose(0, 2, 1)
+        return found
+
+    def solve(self, terms: Sequence[CurveTerm], whole: FloatArray) -> FloatArray:
+        """Return the fit (n,) to training products (n, n), with 1 for the error.
+
+        The columns times it are the error that the fit leaves.
+        """
+        count = self.precise.size
+        full = whole + 1e-9 * np.diag(np.diag(whole)) + 1e-12 * np.eye(len(whole))
+        prior = np.column_stack([np.diag(self.precise), -self.precise * self.places])
+        full[: count + 1, : count + 1] += prior.T @ prior
+        first = count + 1
+        for term in terms:
+            size = self.columns(term).shape[3]
+            rough = term.penalty * roughness(size, bool(term.period))
+            for _ in term.sides:
+                own = slice(first, first + size)
+                full[own, own] += np.trace(whole[own, own]) / size * rough
+                first += size
+        others = np.arange(len(full)) != count
+        found = np.ones(len(full))
+        found[others] = -np.linalg.solve(
+            full[np.ix_(others, others)], full[others, count]
+        )
+        return found
+
+    def fitted(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
+        return self.solve(terms, self.squares(terms)[groups].sum(axis=0))
+
+    def tables(self, terms: Sequence[CurveTerm], fit: FloatArray) -> list[FloatArray]:
+        """Return tables (rows, points) of terms in a fit, 0 for other sides [N m]."""
+        first, found = self.precise.size + 1, []
+        for term in terms:
+            size = self.columns(term).shape[3]
+            table = np.zeros((len(self.sides), size))
+            for side in term.sides:
+                table[self.sides.index(side)] = -fit[first : first + size]
+                first += size
+            found.append(table)
+        return found
+
+    def left_out(
+        self, terms: Sequence[CurveTerm], folds: Sequence[Groups]
+    ) -> FloatArray:
+        """Return squared errors by group of the folds, by fits to the other folds."""
+        squares, every = self.squares(terms), np.concatenate(folds)
+        found = np.zeros(len(squares))
+        for fold in folds:
+            train = np.setdiff1d(every, fold)
+            fit = self.solve(terms, squares[train].sum(axis=0))
+            found[fold] = np.einsum("gij,i,j->g", squares[fold], fit, fit)
+        return found[np.sort(every)]
+
+    def _left(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
+        """Return the weighted error (groups, rows, samples) that a fit leaves."""
+        fit = self.fitted(terms, groups)
+        error = self.columns(BASE)[groups] @ fit[: self.precise.size + 1]
+        for term, table in zip(terms, self.tables(terms, fit), strict=True):
+            error -= np.einsum("grsp,rp->grs", self.columns(term)[groups], table)
+        return np.asarray(error)
+
+    def _signal(self, quantity: Quantity, weighted: bool) -> FloatArray:
+        """Return a quantity (groups, rows, samples) at the samples of the columns."""
+        steps = [step for _, step in self._thin]
+        parts = [self._along(k, quantity, step)[None] for k, step in enumerate(steps)]
+        return self._laid(parts, weighted)[..., 0]
+
+    @cached_property
+    def _waves(self) -> dict[str, tuple[FloatArray, NDArray[np.complex64]]]:
+        """Frequencies [1/unit] by quantity, and waves (orders, groups, samples)."""
+        found = {}
+        turns = float(np.ptp(self._values["motor angle"])) / math.tau
+        for over in PERIODIC if turns > 0.0 else ():
+            values = self._signal(QUANTITIES[over], False)[:, 0]
+            span = float(np.ptp(self._values[over]))
+            if over not in self.varying:
+                continue
+            base = math.tau / span
+            first, last = Limit.min_periods * base, Limit.max_order * turns * base
+            orders = np.arange(first, last, base / Limit.order_oversampling)
+            orders = orders[: Limit.max_waves]
+            if orders.size < 3:
+                continue
+            phases = np.multiply.outer(orders, values).astype(np.float32)
+            found[over] = orders, np.exp(1j * phases)
+        return found
+
+    @cached_property
+    def _factors(self) -> dict[str, FloatArray]:
+        return {name: self._signal(each, True) for name, each in FACTORS.items()}
+
+    def periodic(self, groups: Groups, terms: Sequence[CurveTerm]) -> list[CurveTerm]:
+        """Return candidates of the periods that take most of the error left."""
+        left, found = self._left(terms, groups).transpose(0, 2, 1), []
+        for over, (orders, waves) in self._waves.items():
+            own = waves[:, groups].reshape(orders.size, -1)
+            for times, factors in self._factors.items():
+                factor = factors[groups].transpose(0, 2, 1)
+                wanted = (factor * left).reshape(own.shape[1], -1).astype(np.float32)
+                power = np.abs(own @ wanted) ** 2 / np.sum(factor**2, axis=(0, 1))
+                order = _peak(orders, power.sum(axis=1))
+                found.append(CurveTerm(over, times, math.tau / order))
+        return found
+
+
+def _peak(places: FloatArray, heights: FloatArray) -> float:
+    """Return the place of the largest height, by the parabola through its neighbours.
+
+    Places are evenly spaced.
+    """
+    top = min(max(int(np.argmax(heights)), 1), heights.size - 2)
+    before, most, after = heights[top - 1 : top + 2].tolist()
+    bend = before - 2.0 * most + after
+    shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+    step = float(places[1] - places[0])
+    return float(places[top]) + step * min(max(shift, -1.0), 1.0)
+
+
+def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
+    """Return the curves by which left-out ones of these groups are predicted best."""
+    count = min(Limit.curve_folds, groups.size)
+    folds = [groups[k::count] for k in range(count)]
+    sides: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
+    sides += [rows.sides] if len(sides) > 1 else []
+    plain = [CurveTerm(over, times) for over in rows.varying for times in FACTORS]
+    terms: list[CurveTerm] = []
+    before = rows.left_out(terms, folds)
+    quiet = Limit.max_misfit**2 * float(rows.noise[groups].sum())
+    while len(terms) < Limit.max_curves and before.sum() > quiet:
+        taken = {(term.over, term.times) for term in terms}
+        able = [*plain, *rows.periodic(groups, terms)]
+        able = [t._replace(sides=rows.sides) for t in able if t[:2] not in taken]
+        sums = [float(rows.left_out([*terms, term], folds).sum()) for term in able]
+        best = [able[k] for k in np.argsort(sums)[: Limit.refined_curves]]
+        tried = [
+            term._replace(sides=own, penalty=penalty, points=Limit.curve_points)
+            for term in best
+            for own in sides
+            for penalty in Limit.curve_penalties
+        ]
+        left = [rows.left_out([*terms, term], folds) for term in tried]
+        leader = int(np.argmin([each.sum() for each in left]))
+        if not helps(before - left[leader], before):
+            break
+        terms.append(tried[leader])
+        before = left[leader]
+    return terms
+
+
+def helps(gain: FloatArray, before: FloatArray) -> bool:
+    """Return whether errors (groups,) fall by enough, and in most groups."""
+    rest = np.arange(gain.size) != np.argmax(gain)
+    least = Limit.min_reduction * before
+    enough = gain.sum() > least.sum() and gain[rest].sum() > 0.5 * least[rest].sum()
+    return bool(enough and np.median(gain) > 0.0)

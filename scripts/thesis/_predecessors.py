@@ -313,14 +313,6 @@ def _front(
         out[i] = line
 
 
-class Bristle(NamedTuple):
-    # displacement over which friction builds up, F_c / sigma_0 [m]
-    length: float = 2e-5
-    excess: float = 0.0  # of static over kinetic friction, relative (LuGre)
-    stribeck_speed: float = 1e-3  # over which the excess fades [m/s] (LuGre)
-    damping: float = 0.0  # of the bristles, sigma_1 over sigma_0 [s] (LuGre)
-
-
 class _Chain(NamedTuple):
     """Friction at the middle of every segment (n,), and springs between (n + 1,)."""
 
@@ -331,7 +323,6 @@ class _Chain(NamedTuple):
     limit: FloatArray  # friction that slides [N]
     x: FloatArray  # displacement [m]
     slip: FloatArray  # of a step [m]
-    speed: FloatArray  # [m/s]
     rest: FloatArray  # force out of balance [N]
     diagonal: FloatArray  # of the matrix [N/m]
 
@@ -352,9 +343,10 @@ class BristleChain(PublishedModel):
 
     name = "Palli and Melchiorri, Dahl"
 
-    def __init__(self, cable: Cable, bristle: Bristle | None = None) -> None:
+    def __init__(self, cable: Cable, bristle: float = 2e-5) -> None:
+        """Choose the displacement over which friction builds up, F_c / sigma_0 [m]."""
         super().__init__(cable)
-        self.bristle = bristle or Bristle()
+        self.bristle = bristle
 
     def answer(self, motion: Motion) -> Answer:
         cable, load, start = self.cable, motion.stiffness, motion.profile(self.cable)
@@ -362,38 +354,25 @@ class BristleChain(PublishedModel):
         spring = cable.axial_stiffness / node_lengths(cable)
         if np.isfinite(load):
             spring[n] = spring[n] * load / (spring[n] + load)
-        chain = _Chain(spring, start, start.copy(), np.diff(start), *np.zeros((6, n)))
+        chain = _Chain(spring, start, start.copy(), np.diff(start), *np.zeros((5, n)))
         grip = cable.friction * kernel.segment_angles(packed_parameters(cable), n)
         out = np.empty((3, motion.proximal.size))
         _play_chain(
             chain, self.bristle, motion.proximal, motion.distal, load, grip,
-            motion.wrap, motion.dt, out,
+            motion.wrap, out,
         )  # fmt: skip
         return Answer(*out)
-
-
-class LuGreChain(BristleChain):
-    """The chain with LuGre friction (Canudas de Wit et al. 1995).
-
-    It falls with speed, and bristles are damped.
-    """
-
-    name = "Palli and Melchiorri, LuGre"
-
-    def __init__(self, cable: Cable) -> None:
-        super().__init__(cable, Bristle(excess=0.2, damping=1e-3))
 
 
 @compiled
 def _play_chain(
     chain: _Chain,
-    shape: Bristle,
+    bristle: float,
     proximal: FloatArray,
     moved: FloatArray,
     load: float,
     grip: FloatArray,
     factor: FloatArray,
-    dt: float,
     out: FloatMatrix,
 ) -> None:
     """Compute the tension of both ends and place of the distal one, (3, samples).
@@ -405,15 +384,12 @@ def _play_chain(
         distal = moved[row] if held else 0.0
         for j in range(n):
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
-            slow = chain.speed[j] / shape.stribeck_speed
-            more = shape.excess * np.exp(-(slow**2))
-            chain.limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
+            chain.limit[j] = mean * grip[j] * factor[row]
             chain.slip[j] = 0.0
-        _settle(chain, shape, proximal[row], distal, dt)
+        _settle(chain, bristle, proximal[row], distal)
         _pull(chain, proximal[row], distal)
         for j in range(n):
-            chain.friction[j] = _bristle(chain, shape, j, dt)[2]
-            chain.speed[j] = chain.slip[j] / dt
+            chain.friction[j] = _bristle(chain, bristle, j)[0]
         out[0, row], out[1, row] = tension[0], tension[n]
         out[2, row] = distal if held else (chain.start[n] - tension[n]) / load
 
@@ -429,9 +405,7 @@ def _pull(chain: _Chain, proximal: float, distal: float) -> None:
 
 
 @compiled
-def _settle(
-    chain: _Chain, shape: Bristle, proximal: float, distal: float, dt: float
-) -> None:
+def _settle(chain: _Chain, bristle: float, proximal: float, distal: float) -> None:
     """Move x until every segment is in balance, T_{j+1} - T_j = F_j.
 
     Newton's method; steps are shortened where the kink of friction at rest makes them
@@ -444,7 +418,7 @@ def _settle(
         _pull(chain, proximal, distal)
         size = 0.0
         for j in range(n):
-            force, slope, _ = _bristle(chain, shape, j, dt)
+            force, slope = _bristle(chain, bristle, j)
             rest[j] = tension[j + 1] - tension[j] - force
             diagonal[j] = spring[j] + spring[j + 1] + slope
             size = max(size, abs(rest[j]))
@@ -464,21 +438,16 @@ def _settle(
 
 
 @compiled
-def _bristle(
-    chain: _Chain, shape: Bristle, j: int, dt: float
-) -> tuple[float, float, float]:
-    """Return friction after a slip, its slope, and the part stored in bristles."""
+def _bristle(chain: _Chain, bristle: float, j: int) -> tuple[float, float]:
+    """Return friction after a slip, and its slope."""
     friction, slip, limit = chain.friction[j], chain.slip[j], chain.limit[j]
     if limit <= 0.0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     slip_direction = 1.0 if slip >= 0.0 else -1.0
     short = 1.0 - slip_direction * friction / limit
-    short *= np.exp(-abs(slip) / shape.length)
-    stored = slip_direction * limit * (1.0 - short)
-    slope = limit / shape.length * short
-    damping = shape.damping / dt
-    force = stored + damping * (stored - friction)
-    return force, max(slope, 0.0) * (1.0 + damping), stored
+    short *= np.exp(-abs(slip) / bristle)
+    force = slip_direction * limit * (1.0 - short)
+    return force, max(limit / bristle * short, 0.0)
 
 
 class Hysteresis(NamedTuple):

@@ -18,7 +18,6 @@ from thesis._experiments.predecessors import (
 from thesis._predecessors import (
     BristleChain,
     Distributed,
-    LuGreChain,
     LumpedMasses,
     ModifiedBoucWen,
     Motion,
@@ -37,7 +36,6 @@ ABLE = {
     StaticCapstan: {"slack", "changing curvature", "creates no energy"},
     LumpedMasses: set(),
     BristleChain: BRISTLES,
-    LuGreChain: BRISTLES,
     ModifiedBoucWen: set(),
     PassiveDistributed: {
         "partial motion",

@@ -40,7 +40,7 @@ def test_leaving_out_sensors_biases_and_one_matrix_does_not() -> None:
     assert abs(shared[0]) < 4.0 * shared[1]
 
 
-def test_observer_beats_the_vote_in_time() -> None:
+def test_all_readings_at_once_beat_the_vote_in_time() -> None:
     output, _ = directions.simulate_run(seconds=2.0)
-    assert output["observer 300"] < 0.8 * directions.RUN_NOISE < output["vote"]
-    assert output["known"] < output["observer 300"]
+    assert output["at once"] < 0.8 * directions.RUN_NOISE < output["vote"]
+    assert output["known"] < output["at once"]

@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 from cc_mujoco.cable import Cable, Section, replay
 from thesis._predecessors import (
-    Bristle,
     BristleChain,
     Distributed,
     Hysteresis,
@@ -79,7 +78,7 @@ def test_bristles_follow_the_dahl_equation():
     cable = CABLE.replace(segments=1, friction=0.02)
     length = 4e-4
     proximal = -0.002 * np.sin(np.pi * TIME[:1500])
-    chain = BristleChain(cable, Bristle(length=length))
+    chain = BristleChain(cable, length)
     answer = chain.answer(Motion(DT, proximal))
     tension = np.array([answer.tension_proximal, answer.tension_distal])
     # One segment: its displacement from the distal spring, friction from both.
@@ -102,7 +101,7 @@ def test_shorter_bristles_come_closer_to_coulomb_friction():
     ours = Distributed(CABLE).answer(Motion(DT, STROKE, 500.0))
     errors = []
     for length in (4e-4, 1e-4, 2.5e-5):
-        chain = BristleChain(CABLE, Bristle(length=length))
+        chain = BristleChain(CABLE, length)
         answer = chain.answer(Motion(DT, STROKE, 500.0))
         errors.append(np.max(np.abs(answer.tension_distal - ours.tension_distal)))
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]

@@ -9,7 +9,7 @@ from thesis._experiments import noise
 
 
 def test_unbiased_until_kept_nonnegative() -> None:
-    free, bounded, _ = noise.statistics(lengths=(300,), runs=40)
+    free, bounded = noise.statistics(lengths=(300,), runs=40)
     error = free[0].mean(axis=0) - noise.DEVIATION**2
     scatter = free[0].std(axis=0) / np.sqrt(40)
     assert np.all(np.abs(error) < 4.0 * scatter)

@@ -70,7 +70,6 @@ def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
     printed, signed, summed, ours = runs.laws(duration=12.0)
     assert printed > 0.9 and signed > 0.5
     assert summed < 0.2 and ours < 0.01
-    assert -0.05 < runs.bias() < -0.01
 
 
 @pytest.mark.parametrize(
@@ -80,7 +79,7 @@ def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
 def test_verdict_on_the_law_follows_the_numbers(
     printed: float, summed: float, verdict: str
 ) -> None:
-    assert runs.claim_law([printed, 0.7, summed, 0.0], -0.02).verdict == verdict
+    assert runs.claim_law([printed, 0.7, summed, 0.0]).verdict == verdict
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:

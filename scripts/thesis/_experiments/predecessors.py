@@ -26,7 +26,6 @@ from thesis._predecessors import (
     Answer,
     BristleChain,
     Distributed,
-    LuGreChain,
     LumpedMasses,
     ModifiedBoucWen,
     Motion,
@@ -221,6 +220,7 @@ REFERENCE_SEGMENTS = 200  # segments of the model that the others are compared w
 class _Judged(NamedTuple):
     """One model: what it can show, how far off it is, what it costs."""
 
+    name: str
     findings: dict[str, Capability]  # answer to every question
     answer: Answer  # to the drawn motion
     moving: float  # RMS error of the output tension while the output moves [N]
@@ -247,8 +247,9 @@ def judge(model: PublishedModel, motion: Motion, truth: Answer, unit: float) -> 
     lost = answer.tension_proximal - truth.tension_proximal - distal
     moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
     return _Judged(
-        find_capabilities(model), answer, rms(distal[moves]), rms(distal[~moves]),
-        (rms(lost[moves]), rms(lost[~moves])), cost(model, motion) / unit,
+        model.name, find_capabilities(model), answer, rms(distal[moves]),
+        rms(distal[~moves]), (rms(lost[moves]), rms(lost[~moves])),
+        cost(model, motion) / unit,
     )  # fmt: skip
 
 
@@ -274,25 +275,21 @@ def run() -> tuple[Finding, ...]:
         StaticCapstan(CABLE),
         LumpedMasses(CABLE),
         BristleChain(CABLE),
-        LuGreChain(CABLE),
         ModifiedBoucWen.fitted(CABLE, Motion(DT, stroke, SPRING), seen),
         PassiveDistributed(CABLE),
         ours,
     )
-    return _claims({type(one): judge(one, motion, truth, unit) for one in models})
+    return _claims(*(judge(one, motion, truth, unit) for one in models))
 
 
-def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
-    capstan, kaneko, do = (
-        found[kind] for kind in (StaticCapstan, LumpedMasses, ModifiedBoucWen)
-    )
-    dahl, lugre = found[BristleChain], found[LuGreChain]
-    ours, before = found[Distributed], found[PassiveDistributed]
+def _claims(
+    capstan: _Judged, kaneko: _Judged, dahl: _Judged, do: _Judged, before: _Judged,
+    ours: _Judged,
+) -> tuple[Finding, ...]:  # fmt: skip
     lacking = (
         "partial motion", "changing curvature", "non-spring environment",
         "non-uniform pretension",
     )  # fmt: skip
-    palli = dahl.shows("partial motion") and lugre.shows("partial motion")
     palli_lacks = not dahl.shows("slack") and not dahl.shows("changing curvature")
     moving, starting = do.friction
     do_tracks = "agrees" if moving < 0.5 * starting else "in part"
@@ -301,16 +298,9 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
     )
     passive = before.shows("partial motion", "slack", "non-uniform pretension")
     refused = not before.shows("motion from both ends")
-    bidirectional = any(
-        judged.shows("motion from both ends")
-        for kind, judged in found.items()
-        if kind is not Distributed
-    )
-    costs = ", ".join(
-        f"{kind.name.partition(',')[0]} {judged.cost:.2g}"
-        for kind, judged in found.items()
-        if kind not in (Distributed, LuGreChain)
-    )
+    others = capstan, kaneko, dahl, do, before
+    bidirectional = any(judged.shows("motion from both ends") for judged in others)
+    costs = ", ".join(f"{one.name.partition(',')[0]} {one.cost:.2g}" for one in others)
     return (
         Finding(
             f"output tension {capstan.moving:.1f} N off while it moves and "
@@ -325,9 +315,9 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
             "disagrees" if any(map(kaneko.shows, lacking)) else "agrees",
         ),
         Finding(
-            f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
-            f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'][1]}",
-            "agrees" if palli and palli_lacks else "in part",
+            f"partial motion appears; output {dahl.moving:.1g} N off in motion; slack: "
+            f"{dahl.findings['slack'][1]}",
+            "agrees" if dahl.shows("partial motion") and palli_lacks else "in part",
         ),
         Finding(
             f"fitted to the first stroke, friction is {moving:.1f} N off in motion and "

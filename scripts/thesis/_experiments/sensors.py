@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Cable, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
+from cc_mujoco.estimation._fusion import TensionFusion, fuse, tension_gains
 from cc_mujoco.native import FloatArray
 from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
@@ -38,21 +38,16 @@ def pulled_state(cable: Cable) -> tuple[Mesh, FloatArray, FloatArray]:
     return mesh, gain, OUTPUT_TENSION * gain[-1]
 
 
-class Grid(NamedTuple):
-    """Mean absolute error at the output in percent, (levels, counts)."""
+def error_grid(simulations: int = 10_000, seed: int = 35) -> FloatArray:
+    """Simulate Fig. 3.5: numbers of sensors at random nodes, at levels of noise.
 
-    mean: FloatArray  # of the sample mean
-    weighted: FloatArray  # of the mean by inverse variance
-    expected: FloatArray  # of the sample mean, by theory
-
-
-def error_grid(simulations: int = 10_000, seed: int = 35) -> Grid:
-    """Simulate Fig. 3.5: numbers of sensors at random nodes, at levels of noise."""
+    Returns the mean absolute error at the output [%], (3, levels, counts): of the
+    sample mean, of the mean by inverse variance, and of the sample mean by theory.
+    """
     random = np.random.default_rng(seed)
     _, gain, truth = pulled_state(CABLE)
     to_output = gain[:, -1]
     count = SEGMENTS + 1
-    choices: tuple[Weights, ...] = ("mean", "variance")
     found = np.empty((3, len(NOISE_LEVELS), count))
     for row, level in enumerate(NOISE_LEVELS):
         noise = level * OUTPUT_TENSION
@@ -60,18 +55,14 @@ def error_grid(simulations: int = 10_000, seed: int = 35) -> Grid:
             order = np.argsort(random.random((simulations, count)), axis=1)
             nodes = order[:, :sensors]
             reading = truth[nodes] + noise * random.normal(size=nodes.shape)
-            ratio = to_output[nodes][..., None]
-            spread = np.full(sensors, noise)
-            for place, weights in enumerate(choices):
-                output = fuse(reading, ratio, spread, weights).tension[:, 0]
-                found[place, row, sensors - 1] = np.mean(
-                    np.abs(output - OUTPUT_TENSION)
-                )
+            given = reading, to_output[nodes][..., None], np.full(sensors, noise)
             carried = np.sqrt(np.sum(to_output[nodes] ** 2, axis=1)) / sensors
-            found[2, row, sensors - 1] = (
-                np.sqrt(2.0 / np.pi) * noise * float(np.mean(carried))
+            found[:, row, sensors - 1] = (
+                np.mean(np.abs(fuse(*given, "mean").tension - OUTPUT_TENSION)),
+                np.mean(np.abs(fuse(*given).tension - OUTPUT_TENSION)),
+                np.sqrt(2.0 / np.pi) * noise * float(np.mean(carried)),
             )
-    return Grid(*(100.0 * found / OUTPUT_TENSION))
+    return 100.0 * found / OUTPUT_TENSION
 
 
 def excess_of_mean(cable: Cable) -> float:
@@ -143,18 +134,18 @@ def rest_drift(run: _Run) -> float:
 
 def run() -> tuple[Finding, ...]:
     """Reproduce Figs. 3.5 and 3.6."""
-    grid = error_grid()
+    mean, weighted, expected = error_grid()
     series = ramps()
     excess = excess_of_mean(CABLE)
     mild = excess_of_mean(RECONCILED_CABLE.replace(segments=SEGMENTS))
     angle = CABLE.friction * CABLE.wrap
     limit = float(np.sinh(angle) / angle)
     level = NOISE_LEVELS.index(0.1)
-    one, all_mean = grid.mean[level, [0, -1]]
-    all_best = grid.weighted[level, -1]
-    falls = bool(np.all(np.diff(grid.mean, axis=1) < 0.0))
-    falls &= bool(np.all(np.diff(grid.mean, axis=0) > 0.0))
-    theory = float(np.max(np.abs(grid.mean / grid.expected - 1.0)))
+    one, all_mean = mean[level, [0, -1]]
+    all_best = weighted[level, -1]
+    falls = bool(np.all(np.diff(mean, axis=1) < 0.0))
+    falls &= bool(np.all(np.diff(mean, axis=0) > 0.0))
+    theory = float(np.max(np.abs(mean / expected - 1.0)))
     white = ljung_box(series.scaled)
     offset = float(np.mean(series.scaled) * np.sqrt(series.scaled.size))
     size = float(np.std(series.scaled))

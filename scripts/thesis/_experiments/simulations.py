@@ -53,20 +53,20 @@ def one_cable(growth: float) -> Drive:
     return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cables=(drive,))
 
 
-def schemes(device: Drive) -> dict[str, control.Controller]:
+def schemes(device: Drive) -> list[control.Controller]:
+    """Return feed-forward, feedback, both; the model, exact, 3 % off, 3 % cosine."""
+
     def cosine(time: FloatArray) -> FloatArray:
         return FRICTION_ERROR * np.cos(2.0 * math.pi * time / (3.0 * math.pi))
 
-    return {
-        "feed-forward": control.FeedForward(device),
-        "feedback": control.Feedback(device),
-        "feed-forward and feedback": control.ProportionalIntegral(device),
-        "model": control.ModelBased(device, settling=0.0),
-        "model, 3 % off": control.ModelBased(
-            device, mismatch=FRICTION_ERROR, settling=0.0
-        ),
-        "model, 3 % cosine": control.ModelBased(device, mismatch=cosine, settling=0.0),
-    }
+    return [
+        control.FeedForward(device),
+        control.Feedback(device),
+        control.ProportionalIntegral(device),
+        control.ModelBased(device, settling=0.0),
+        control.ModelBased(device, mismatch=FRICTION_ERROR, settling=0.0),
+        control.ModelBased(device, mismatch=cosine, settling=0.0),
+    ]
 
 
 def desired_tension() -> tuple[FloatArray, FloatArray]:
@@ -78,7 +78,6 @@ def desired_tension() -> tuple[FloatArray, FloatArray]:
 class _Tracked(NamedTuple):
     """Tracking by a scheme; errors are shares of the desired tension."""
 
-    tension: FloatArray  # of the output (samples,) [N]
     error: float  # RMS since the slip has crossed the cable
     first: float  # largest error since then
     settled: float  # RMS once transients are over
@@ -97,27 +96,20 @@ def track(device: Drive, law: control.Controller) -> _Tracked:
         return signal[late] - line(time[late])
 
     return _Tracked(
-        tension, rms(share[begun]), float(np.max(np.abs(share[begun]))),
+        rms(share[begun]), float(np.max(np.abs(share[begun]))),
         rms(share[late]), signal_lag(time[late], swing(wanted), swing(tension)),
     )  # fmt: skip
 
 
 def tracking() -> tuple[Finding, ...]:
-    table = math.exp(PRINTED_CABLE.friction * PRINTED_CABLE.wrap)
-    devices = [one_cable(growth) for growth in (TENSION_RATIO, table)]
-    cases = [(device, *case) for device in devices for case in schemes(device).items()]
-    found = [(name, track(device, law)) for device, name, law in cases]
-    return _tracking_findings(dict(found[:6]), dict(found[6:]))
-
-
-def _tracking_findings(
-    rows: dict[str, _Tracked], hard: dict[str, _Tracked]
-) -> tuple[Finding, ...]:
-    none, alone, both, model, off, cosine = rows.values()
-    ratio = both.error / off.error
-    hard_ratio = (
-        hard["feed-forward and feedback"].settled / hard["model, 3 % off"].settled
+    device = one_cable(TENSION_RATIO)
+    none, alone, both, model, off, cosine = (
+        track(device, law) for law in schemes(device)
     )
+    ratio = both.error / off.error
+    device = one_cable(math.exp(PRINTED_CABLE.friction * PRINTED_CABLE.wrap))
+    _, _, law, _, wrong, _ = schemes(device)
+    hard_ratio = track(device, law).settled / track(device, wrong).settled
     in_phase = max(model.delay, off.delay) < 1e-3 < min(alone.delay, both.delay)
     free = ", ".join(f"{row.error:.1%}" for row in (none, alone, both))
     lags = ", ".join(f"{1e3 * r.delay:.0f}" for r in (alone, both, model, off, cosine))
@@ -187,7 +179,6 @@ def motion() -> tuple[FloatArray, FloatArray]:
 class _Rendered(NamedTuple):
     """Spring as rendered by a controller."""
 
-    torque: FloatArray  # of the cables on the joint (samples,) [N m]
     moving: float  # RMS error later than 2 s after a change of direction [N m]
     peak: float  # largest error after the reversal [N m]
     # angle from the reversal until the error stays below `REVERSAL_TOLERANCE` [rad];
@@ -207,7 +198,7 @@ def render(device: Drive, law: control.Controller) -> _Rendered:
     moving = (time % DEFLECTION_TIME) >= 2.0
     rate = STIFFNESS * DEFLECTION / DEFLECTION_TIME * PERIOD
     return _Rendered(
-        torque, rms(error[moving]), float(np.max(np.abs(back))),
+        rms(error[moving]), float(np.max(np.abs(back))),
         lasting * DEFLECTION / DEFLECTION_TIME,
         float(np.mean((error * -np.gradient(wanted))[moving])) * PERIOD / rate**2,
     )  # fmt: skip
@@ -215,20 +206,15 @@ def render(device: Drive, law: control.Controller) -> _Rendered:
 
 def spring() -> tuple[Finding, ...]:
     device = pull_pull()
-    laws = {
-        "feedback": control.Feedback(device),
-        "feed-forward and feedback": control.ProportionalIntegral(device),
-        "with the model": control.ModelBased(device, settling=0.0),
-        "with the model and stiction compensation": control.StictionCompensation(
-            device, settling=0.0
-        ),
-    }
-    return _spring_findings(*(render(device, law) for law in laws.values()))
-
-
-def _spring_findings(
-    free: _Rendered, both: _Rendered, model: _Rendered, stiction: _Rendered
-) -> tuple[Finding, ...]:
+    free, both, model, stiction = (
+        render(device, law)
+        for law in (
+            control.Feedback(device),
+            control.ProportionalIntegral(device),
+            control.ModelBased(device, settling=0.0),
+            control.StictionCompensation(device, settling=0.0),
+        )
+    )
     lost, by_model, by_stiction, by_both = (
         float(np.degrees(row.lost)) for row in (free, model, stiction, both)
     )

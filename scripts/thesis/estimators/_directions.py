@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.cable._cable import Cable
-from cc_mujoco.cable._conduit import Conduit
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import fuse, tension_gains
@@ -428,43 +427,3 @@ class SensorConsensus:
             tension *= np.exp(-slip_direction * mesh.angle[first - 1])
             first, depth = first - 1, depth + 1
         return min(depth, most)
-
-
-def observe(
-    cable: Cable,
-    sensors: Sensors,
-    dt: float,
-    u_proximal: FloatArray,
-    reading: FloatArray,
-    agility: float,
-) -> FloatArray:
-    """Return tensions (samples, n + 1) [N] of a model that encoder and sensors drive.
-
-    The thesis finds directions of slip by a vote among sensors. But the encoder at the
-    proximal end (samples,) [m] and the tension at the distal one drive the model
-    completely, so that only one number of each instant is unknown: the distal tension.
-    It is estimated by a Kalman filter for a local trend (level and rate, the rate a
-    random walk) from all sensors (samples, m) [N] that slip ties to the distal end,
-    each carried there by the capstan factors of the model's own directions; and it
-    drives the model. What a standing part of the cable remembers, the model remembers.
-    By `agility`, a standard deviation, the rate of the distal tension changes in one
-    second [N/s]; less is smoother and later.
-    """
-    noise, nodes, mesh = np.array(sensors.deviation), sensors.on(cable), Mesh.of(cable)
-    model, found = Conduit(cable), []
-    ahead = np.array([[1.0, dt], [0.0, 1.0]])
-    wander = agility**2 * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    state = np.array([model.tension_distal, 0.0])
-    spread = np.diag([float(np.mean(noise)) ** 2, 0.0])
-    for u, measured in zip(u_proximal.tolist(), reading, strict=True):
-        state = ahead @ state
-        spread = ahead @ spread @ ahead.T + wander
-        gain = tension_gains(mesh, model.direction, nodes)[:, -1:]
-        tension, deviation = (float(one[0]) for one in fuse(measured, gain, noise)[:2])
-        if np.isfinite(tension):
-            share = spread[:, 0] / (spread[0, 0] + deviation**2)
-            state = state + share * (tension - state[0])
-            spread = spread - np.outer(share, spread[0])
-        model.step(dt, u_proximal=u, tension_distal=max(float(state[0]), 0.0))
-        found.append(model.tension)
-    return np.array(found)

@@ -2,8 +2,6 @@ r"""Parameters of a cable, followed while it runs (3.2.3)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
@@ -17,28 +15,6 @@ from cc_mujoco.estimation._tracks import EstimateTrack, wrap_angles
 from cc_mujoco.native import FloatArray
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
-
-
-def slope_discrepancy(
-    cable: Cable, sensors: Sensors
-) -> Callable[[float, FloatArray, float], float]:
-    """Return the discrepancy [N] by friction, readings (m,) and direction of motion.
-
-    It is the mean of T_1 - T_N of every sensor's reading, carried to both ends by the
-    model, less that of the straight line through the readings (Fig. 3.9).
-    """
-    angle, nodes = wrap_angles(cable), sensors.on(cable)
-    before = angle[nodes]
-    after = float(angle[-1]) - before
-    centred = nodes / cable.segments - np.mean(nodes / cable.segments)
-    slope = centred / float(centred @ centred)
-
-    def discrepancy(friction: float, reading: FloatArray, way: float) -> float:
-        sign = way * friction
-        ends = np.exp(-sign * before) - np.exp(sign * after)
-        return float(np.mean(reading * ends)) + float(slope @ reading)
-
-    return discrepancy
 
 
 def slope_law(
@@ -64,12 +40,18 @@ def slope_law(
     before for :math:`\mu_0`. What then remains is that a straight line is not the
     profile. Estimates are kept within the bounds of the cable's parameter.
     """
-    discrepancy, friction, track = slope_discrepancy(cable, sensors), start, []
+    angle, nodes = wrap_angles(cable), sensors.on(cable)
+    before = angle[nodes]
+    after = float(angle[-1]) - before
+    centred = nodes / cable.segments - np.mean(nodes / cable.segments)
+    slope = centred / float(centred @ centred)
+    friction, track = start, []
     for reading, sign in zip(*rows, strict=True):
         way = float(sign[0])
         if way != 0.0 and np.all(sign == way):
-            turn = way if signed else 1.0
-            step = turn * gain * discrepancy(friction, reading, way)
+            ends = np.exp(-way * friction * before) - np.exp(way * friction * after)
+            discrepancy = np.mean(reading * ends) + slope @ reading
+            step = (way if signed else 1.0) * gain * float(discrepancy)
             base = friction if integrated else start
             friction = min(max(base + step, _BOUNDS.low), _BOUNDS.high)
         track.append(friction)

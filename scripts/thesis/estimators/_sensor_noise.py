@@ -142,15 +142,6 @@ def autocovariance_least_squares(
     return found[:split], found[split:]
 
 
-def difference_variance(readings: ArrayLike) -> FloatArray:
-    """Return half the mean square of time differences, a baseline (m,) [N^2].
-
-    It takes every change of the tension for noise.
-    """
-    change = np.diff(np.asarray(readings, dtype=float), axis=0)
-    return 0.5 * np.mean(change**2, axis=0)
-
-
 class SensorNoise:
     """Standard deviation of every sensor, followed while the cable runs.
 

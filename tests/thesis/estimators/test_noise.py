@@ -14,7 +14,6 @@ from thesis.estimators._sensor_noise import (
     SensorNoise,
     autocovariance_least_squares,
     autocovariances,
-    difference_variance,
     innovations,
     trend_model,
 )
@@ -79,16 +78,6 @@ def test_bounded_variances_are_nonnegative_where_free_ones_are_not() -> None:
     free = estimates(60, 40, nonnegative=False)
     assert np.min(free) < 0.0
     assert np.min(estimates(60, 40, nonnegative=True)) >= 0.0
-
-
-def test_differences_take_motion_for_noise() -> None:
-    readings = recording(4000, np.random.default_rng(9))
-    model = trend_model(FACTORS)
-    found = autocovariance_least_squares(innovations(model, readings)[50:], model)
-    excess = difference_variance(readings) - DEVIATION**2
-    assert np.all(excess[1:] > 0.0)
-    error = np.abs(found[1] - DEVIATION**2)
-    assert np.mean(error[1:]) < 0.3 * np.mean(excess[1:])
 
 
 def running(noise: SensorNoise, deviation: np.ndarray, samples: int, seed: int) -> None:

@@ -127,7 +127,7 @@ def find(
         return among[own]
     of_axis = own in _OF["axis"]  # two motors may differ in it
     owners = (*axes,) if of_axis else (*cables, *axes)
-    if of_axis and owner in cables:
+    if of_axis and owner in cables and owner not in axes:
         raise CableError(
             f"unknown axis {owner!r}: it is a cable, and {kind} {own!r} is of an axis; "
             f"write {' or '.join(f'{axis}.{own}' for axis in axes)}."

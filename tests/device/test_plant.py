@@ -96,5 +96,11 @@ def test_variables_of_a_walker_are_those_of_the_walk() -> None:
         assert f"{field.default:g}" in variable.meaning
 
 
+def test_an_axis_may_have_the_name_of_its_cable() -> None:
+    assert "index_flexor" in load_device("hand").cables
+    plant = Plant("hand", {"index_flexor.motor_lag": 0.01})
+    assert plant.values == {"index_flexor.motor_lag": 0.01}
+
+
 def test_segments_of_a_design_are_those_of_a_cable() -> None:
     assert VARIABLES["segments"].high == MAX_SEGMENTS

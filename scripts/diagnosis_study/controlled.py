@@ -115,27 +115,36 @@ def played(
 ) -> dict[str, Any]:
     """Play the task; return errors, chatter and motor peak [N m], and the outcome."""
     desired, swing = task()
-    period = law.drive.period
-    lockstep, rows = Lockstep(Bench(rig, hidden, period), seed, swing), Commands()
-    outcome = play(lockstep, law, desired, LIMITS, SECONDS, rows)
+    lockstep = Lockstep(Bench(rig, hidden, law.drive.period), seed, swing)
+    return measured(law, lockstep, desired, LIMITS, (SECONDS, SETTLED))
+
+
+def measured(
+    law: Controller,
+    lockstep: Lockstep,
+    desired: hardware.TorqueTable,
+    limits: hardware.Limits,
+    times: tuple[float, float],
+) -> dict[str, Any]:
+    """Play a task; `times` are its length and the time from which errors count [s]."""
+    rows, period = Commands(), lockstep.bench.period
+    outcome = play(lockstep, law, desired, limits, times[0], rows)
     found = {"rms": math.nan, "between": math.nan, "chatter": math.nan}
     found |= {"peak": math.nan, "outcome": outcome.sentence}
     if outcome.code == 0:
-        off, torques = (
-            errors(lockstep, desired, SECONDS, SETTLED),
-            np.array(rows.torques),
-        )
+        torques = np.array(rows.torques)
+        off = errors(lockstep, desired, *times)
         found["rms"], found["peak"] = rms(off), float(np.max(np.abs(torques)))
         found["between"] = between(off, torques, period)
-        found["chatter"] = chatter(torques, period)
+        found["chatter"] = chatter(torques, period, times)
     return found
 
 
-def chatter(torques: Array, period: float) -> float:
+def chatter(torques: Array, period: float, times: tuple[float, float]) -> float:
     """Return the RMS of torques less their mean over 50 ms, after settling [N m]."""
     width = round(0.05 / period)
     mean = np.convolve(torques, np.ones(width) / width, "same")
-    begin, end = round(SETTLED / period), round(SECONDS / period) - width
+    begin, end = round(times[1] / period), round(times[0] / period) - width
     return rms((torques - mean)[begin:end])
 
 

@@ -18,12 +18,14 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from driven import HAND, Array, Bench, Lockstep, Swing, errors, play, rms
+from controlled import NOISE, measured, summary
+from driven import HAND, Array, Bench, Lockstep, Swing
 from kept_cases import complete
 
 from cc_mujoco.control import (
@@ -34,7 +36,6 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.hardware import Limits, TorqueTable, drive_of
-from cc_mujoco.report import table
 from rig.guides import GUIDES
 from rig.nominal import Rig, make_rig
 
@@ -167,16 +168,9 @@ WORLDS: dict[str, dict[str, float]] = {
     "path and friction": {"friction_drift": 0.5},
 }
 """Changes in the rig; friction over travel, by up to half, up or down by seed."""
-VARIANTS = {
-    "pi": "no model (`pi`)",
-    "fixed": "fixed model",
-    "motor": "friction learned by the motor",
-    "bend": "sensors of bend",
-    "strain": "sensors of tension",
-    "bend+motor": "bend, and friction by the motor",
-    "bend+strain": "bend, and friction by tension",
-}
-"""Equipment of the controller, by its short name."""
+VARIANTS = ("pi", "fixed", "motor", "bend", "strain", "bend+motor", "bend+strain")
+"""Equipment of the controller: no model; a model that stays as it is, or learns
+friction by the motor, or has sensors of bend or of tension, or two of these."""
 SEEDS = tuple(range(11, 21))
 
 
@@ -256,77 +250,28 @@ def task(seed: int) -> tuple[TorqueTable, Swing]:
 
 
 def played(name: str, world: str, seed: int) -> dict[str, Any]:
-    """Play a task; return the RMS error [N m], and the outcome."""
+    """Play a task; return errors, chatter and motor peak [N m], and the outcome."""
     desired, swing = task(seed)
-    rig = make_rig(seed, make="guides")
     bench = BendingBench(
-        rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=(200.0, 5.0)
-    )
-    drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
-    drive = dataclasses.replace(drive, torque_noise=0.025)
-    lockstep = Lockstep(bench, seed, swing)
-    law = equipped(name, drive, bench, seed)
-    outcome = play(lockstep, law, desired, LIMITS, SECONDS)
-    off = errors(lockstep, desired, SECONDS, SETTLED)
-    return {
-        "variant": name,
-        "world": world,
-        "seed": seed,
-        "rms": rms(off) if outcome.code == 0 else math.nan,
-        "outcome": outcome.sentence,
-    }
-
-
-def compared(
-    records: list[Mapping[str, Any]], world: str, name: str
-) -> tuple[float, float, float, float, int]:
-    """Compare a variant with the fixed model, on the seeds that both finished.
-
-    Returns the mean error [N m], the geometric mean of its ratio to that of the fixed
-    model with the ends of its 95 % interval (bootstrap over seeds), and the number of
-    unfinished runs.
-    """
-    errors = {
-        (r["variant"], r["seed"]): r["rms"] for r in records if r["world"] == world
-    }
-    own = {seed: e for (variant, seed), e in errors.items() if variant == name}
-    pairs = np.array(
-        [
-            (error, errors["fixed", seed])
-            for seed, error in own.items()
-            if np.isfinite(error) and np.isfinite(errors.get(("fixed", seed), math.nan))
-        ]
-    ).reshape(-1, 2)
-    if not pairs.size:
-        return math.nan, math.nan, math.nan, math.nan, len(own)
-    quotients = np.log(pairs[:, 0] / pairs[:, 1])
-    random = np.random.default_rng(0)
-    drawn = random.integers(0, len(quotients), (10_000, len(quotients)))
-    low, high = np.quantile(quotients[drawn].mean(axis=1), [0.025, 0.975])
-    mean, between = float(pairs[:, 0].mean()), float(np.exp(quotients.mean()))
-    return mean, between, math.exp(low), math.exp(high), len(own) - len(pairs)
-
-
-def summary(records: list[Mapping[str, Any]]) -> str:
-    rows = []
-    for world in WORLDS:
-        for name, meaning in VARIANTS.items():
-            mean, ratio, low, high, lost = compared(records, world, name)
-            over = "1" if name == "fixed" else f"{ratio:.2f} ({low:.2f} to {high:.2f})"
-            rows.append((world, meaning, f"{1e3 * mean:.0f}", over, str(lost)))
-    head = (
-        "changes", "controller has", "RMS [mN m]", "over fixed (95 %)", "not finished"
+        make_rig(seed, make="guides"), WORLDS[world], PERIOD, Elbow.drawn(seed),
+        hand=(200.0, 5.0),
     )  # fmt: skip
-    return table(head, rows)
+    drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
+    drive = dataclasses.replace(drive, torque_noise=NOISE)
+    law = equipped(name, drive, bench, seed)
+    lockstep, times = Lockstep(bench, seed, swing), (SECONDS, SETTLED)
+    found = measured(law, lockstep, desired, LIMITS, times)
+    return {"controller": name, "effect": world, "seed": seed, **found}
 
 
 def main(
     seeds: tuple[int, ...] = SEEDS,
-    variants: tuple[Literal[tuple(VARIANTS)], ...] = tuple(VARIANTS),
+    variants: tuple[Literal[VARIANTS], ...] = VARIANTS,
     out: Path = Path("runs", "self_tuning"),
 ) -> None:
     cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
-    complete(out, ("variant", "world", "seed"), cases, played, summary)
+    table = partial(summary, names=variants)
+    complete(out, ("controller", "effect", "seed"), cases, played, table)
 
 
 if __name__ == "__main__":

@@ -137,6 +137,34 @@ def test_later_designs_are_better_and_keep_the_limits(found: pa.Table) -> None:
     assert best.any() and kept[best].all()
 
 
+def hypervolume(cost: np.ndarray, reference: np.ndarray) -> float:
+    """Return the area that costs (designs, 2) dominate below the `reference`."""
+    inside = cost[(cost < reference).all(axis=1)]
+    inside = inside[np.argsort(inside[:, 0])]
+    floor = np.minimum.accumulate(np.append(reference[1], inside[:, 1]))
+    return float(np.sum((reference[0] - inside[:, 0]) * -np.diff(floor)))
+
+
+@pytest.mark.study
+def test_a_search_finds_the_front_of_a_grid_with_a_twentieth_of_its_designs() -> None:
+    """Areas are those below the grid's worst of the front, a tenth further out."""
+    ends = {"motor_radius": "0.01:0.05", "joint_radius": "0.05:0.2"}
+    ends["pretension"] = "2:40"
+    goals, limits = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
+    how: dict[str, Any] = {"duration": 1.0, "controllers": ["none"]}
+
+    def front(table: pa.Table) -> np.ndarray:
+        cost = objective_costs(table, read_objectives(goals), read_limits(limits))
+        return cost[pareto_rows(cost)]
+
+    levels = {name: f"{span}:22" for name, span in ends.items()}
+    grid = front(study("wrist", levels, metrics=[*goals, "slack_margin"], **how))
+    reference = grid.max(axis=0) + 0.1 * np.ptp(grid, axis=0)
+    whole = hypervolume(grid, reference)
+    table = optimise("wrist", ends, goals, limits, evaluations=532, **how)
+    assert hypervolume(front(table), reference) > whole
+
+
 def test_what_is_impossible_is_a_row_that_says_so() -> None:
     table = optimise(
         "wrist",

@@ -14,7 +14,6 @@ from self_tuning import (
     Quality,
     Taps,
     along,
-    compared,
 )
 
 from rig import make_rig
@@ -65,18 +64,6 @@ def test_wrap_angles_of_zones_are_shared_out_among_segments() -> None:
     angles = along(np.array([1.0, 3.0]), 4)
     assert angles == pytest.approx([0.5, 0.5, 1.5, 1.5])
     assert along(np.array([1.0, 3.0, 2.0]), 50).sum() == pytest.approx(6.0)
-
-
-def test_a_comparison_is_by_pairs_and_counts_what_did_not_finish() -> None:
-    records = [
-        {"world": "path", "variant": name, "seed": seed, "rms": share * (seed + 1.0)}
-        for name, share in (("fixed", 1.0), ("bend", 0.5))
-        for seed in range(5)
-    ]
-    records[-1]["rms"] = float("nan")
-    mean, ratio, low, high, lost = compared(records, "path", "bend")
-    assert (mean, ratio, low, high) == pytest.approx((1.25, 0.5, 0.5, 0.5))
-    assert lost == 1
 
 
 def test_a_task_is_the_same_again_and_follows_what_is_asked_for(

@@ -57,9 +57,11 @@ def test_chatter_is_what_is_faster_than_fifty_milliseconds() -> None:
     times = period * np.arange(round(controlled.SECONDS / period))
     slow = 2.0 * np.sin(2.0 * math.pi * 0.5 * times)
     fast = 0.3 * np.sin(2.0 * math.pi * 100.0 * times)
-    assert controlled.chatter(slow, period) < 0.01
+    assert controlled.chatter(slow, period, (12.0, 2.0)) < 0.01
     wanted = 0.3 / math.sqrt(2.0)
-    assert controlled.chatter(slow + fast, period) == pytest.approx(wanted, rel=0.01)
+    assert controlled.chatter(slow + fast, period, (12.0, 2.0)) == pytest.approx(
+        wanted, rel=0.01
+    )
 
 
 def test_what_stopped_is_counted_beside_the_mean_of_what_did_not() -> None:

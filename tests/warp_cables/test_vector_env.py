@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 import pytest
 import warp as wp
-from benchmarks.bench_backends import gathered
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.assets import scene_path
@@ -27,6 +26,12 @@ DRAWN: dict[str, Any] = {
     "delay": (0, 3),
     "noise": (0, 2),
 }
+
+
+def gathered(info: dict[str, Any], name: str) -> np.ndarray:
+    """Return the column `name` of all axes, joined."""
+    keys = [key for key in info if key[0] != "_" and key.endswith(name)]
+    return np.concatenate([info[key].reshape(len(info[key]), -1) for key in keys], 1)
 
 
 def make(backend: str, **given: Any) -> Any:

@@ -189,6 +189,8 @@ def joint_stiffness(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> 
     shares = np.linspace(0.02, 1.0, 50)
     for k, one in enumerate(cables):
         largest = most / abs(one.distal)
+        if soft_compliance(made.prm[k], made.n[k], largest) == 0.0:
+            continue  # a linear spring, as most are
         give = np.full(shares.size, one.cable.length / one.cable.axial_stiffness)
         for i, share in enumerate(shares):
             give[i] += soft_compliance(made.prm[k], made.n[k], share * largest)

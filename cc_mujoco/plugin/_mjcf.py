@@ -16,7 +16,6 @@ True
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -183,18 +182,14 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
     instance = look_up("cable", name, instances(model))
     require_kind("cable", cable, Cable)
     config = _config_of(model, instance)
-    before = {
-        "segments": int(config.get("segments", Cable.segments)),
-        "path": config.get("path", Cable.path),
-    }
-    for key, value in before.items():
-        if value != getattr(cable, key):
+    for key, usual in (("segments", Cable.segments), ("path", Cable.path)):
+        if type(usual)(config.get(key, usual)) != getattr(cable, key):
             raise CableError(
                 f"cable {name!r} cannot change its `{key}` in a compiled model, on "
                 "which its state depends; write it into the MjSpec by `to_mjcf`."
             )
     ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
-    text = "".join(f"{word}\0" for word in _shortest_texts(cable)).encode()
+    text = _shortest_text(cable).encode()
     start, end = int(model.plugin_attradr[instance]), ends[instance]
     if len(text) > end - start:
         raise CableError(
@@ -208,19 +203,19 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
     attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
 
 
-def _shortest_texts(cable: Cable) -> Iterator[str]:
-    """Yield, for each key of the plugin, the shortest text for the value in `cable`.
+def _shortest_text(cable: Cable) -> str:
+    """Return the shortest values of all keys of the plugin, each ended by a 0 byte.
 
-    It is empty if the value is the default of an optional key.
+    A value is empty if it is the default of an optional key.
     """
-    config, (defaults, numbers) = cable.to_config(), _defaults()
-    own = {key: text for key, text in config.items() if text != defaults.get(key)}
-    for key in KEYS:
-        text = config[key] if key in REQUIRED else own.get(key, "")
-        if text and key in numbers:
-            text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
-            text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
-        yield text
+    (defaults, numbers), found = _defaults(), dict.fromkeys(KEYS, "")
+    for key, text in cable.to_config().items():
+        if key in REQUIRED or text != defaults.get(key):
+            if key in numbers:
+                text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
+                text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
+            found[key] = text
+    return "".join(f"{text}\0" for text in found.values())
 
 
 @cache

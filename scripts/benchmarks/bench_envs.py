@@ -6,15 +6,11 @@ Both run the same actions, by turns in one process, so that what else the machin
 falls on both, and beside them MuJoCo's own `Batch` takes the same physics steps of the
 same bare model from the same start under the same controls, wearer and all, without
 observations, rewards and scripts. Prints the ratios of the speeds by the clock; bare
-times are of this machine only. Where Gymnasium has
-its own MuJoCo environments (`pip install 'gymnasium[mujoco]'`) a last line compares a
-step of the single wrist with one of `HalfCheetah-v5`, by the least of many turns.
+times are of this machine only.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -59,27 +55,6 @@ def main(
                 f"{batch / sync:7.2f} {share:9.2f}",
                 flush=True,
             )
-    if importlib.util.find_spec("imageio"):
-        own, cheetah = single(steps=100)
-        print(f"one wrist over HalfCheetah: {own / cheetah:.2f} of the time of a step")
-
-
-def single(steps: int) -> tuple[float, float]:
-    """Return the least time of a step [s] of the wrist and of HalfCheetah."""
-    made = (
-        gymnasium.make(name).unwrapped for name in (next(iter(IDS)), "HalfCheetah-v5")
-    )
-    envs: list[Any] = list(made)
-    least = [math.inf, math.inf]
-    for _ in range(60 * ROUNDS):
-        for place, env in enumerate(envs):
-            given = actions(env)
-            env.reset(seed=0)
-            start = time.perf_counter()
-            for step in range(steps):
-                env.step(given[step % len(given)])
-            least[place] = min(least[place], (time.perf_counter() - start) / steps)
-    return least[0], least[1]
 
 
 def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, ...]:

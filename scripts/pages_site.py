@@ -1,38 +1,20 @@
-"""Pages, examples and public names as a site around the reference of `scripts/docs`."""
+"""Pages and examples as HTML around the reference of `scripts/docs`."""
 
 from __future__ import annotations
 
 import html
-import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import markdown2
 
 ROOT = Path(__file__).resolve().parents[1]
-REFERENCE = "cc_mujoco.html"  # page of the public names, as pdoc calls it
 LINK = re.compile(r'(href|src)="([^"#]*)(#[^"]*)?"')
 LEFT_OUT = {"build", "dist", "runs"}
-STYLE, SCRIPT = (
-    (ROOT / "scripts" / name).read_text(encoding="utf-8")
-    for name in ("site.css", "site.js")
-)
-
-
-def topics(front: str) -> dict[str, tuple[list[str], list[tuple[str, str]]]]:
-    """Return public names and pages (title, address) by topic, as the front page."""
-    table = front.partition("| topic | public names")[2].partition("\n\n")[0]
-    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
-    return {
-        topic: (
-            re.findall(r"`(\w+)`", names),
-            re.findall(r"\[([^\]]+)\]\(([^)]+)\)", " ".join(rest)),
-        )
-        for topic, names, *rest in rows
-    }
+STYLE = (ROOT / "scripts" / "site.css").read_text(encoding="utf-8")
+EXTRAS = ["fenced-code-blocks", "tables", "header-ids", "cuddled-lists", "footnotes"]
 
 
 def pages() -> list[Path]:
@@ -51,8 +33,7 @@ def address(path: Path) -> str:
     place = path.relative_to(ROOT)
     if place == Path("README.md"):
         return "index.html"
-    name = place.as_posix().removeprefix(".github/")
-    return f"pages/{name}.html"
+    return f"pages/{place.as_posix().removeprefix('.github/')}.html"
 
 
 def rendered(path: Path) -> str:
@@ -60,10 +41,7 @@ def rendered(path: Path) -> str:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         text = f"# {path.name}\n\n```python\n{text}```\n"
-    extras = [
-        "fenced-code-blocks", "tables", "header-ids", "cuddled-lists", "footnotes",
-    ]  # fmt: skip
-    body = str(markdown2.markdown(text, extras=extras))
+    body = str(markdown2.markdown(text, extras=EXTRAS))
     # A path may be wider than a narrow screen: it breaks behind its slashes.
     body = re.sub(
         r"<code>([^<>\n]+)</code>",
@@ -75,77 +53,29 @@ def rendered(path: Path) -> str:
     )
 
 
-def headings(body: str) -> Iterator[tuple[str, str]]:
-    for identifier, text in re.findall(r'<h[1-4] id="([^"]*)">(.*?)</h', body, re.S):
-        yield html.unescape(re.sub(r"<[^>]+>", "", text)), identifier
-
-
 def write_site(out: Path) -> None:
     """Write all pages and examples around the reference that lies in a folder."""
-    front = (ROOT / "README.md").read_text(encoding="utf-8")
-    examples = sorted((ROOT / "scripts" / "examples").glob("*.py"))
-    sources = [*pages(), *examples]
-    bodies = {path: rendered(path) for path in sources}
-    grouped = topics(front)
-    index = [
-        [name, f"{REFERENCE}#{name}"] for names, _ in grouped.values() for name in names
-    ]
-    for path, body in bodies.items():
-        title = next((text for text, _ in headings(body)), path.stem)
-        for text, identifier in headings(body):
-            shown = text if text == title else f"{title}: {text}"
-            index.append([shown, f"{address(path)}#{identifier}"])
-    (out / "index.js").write_text(f"const INDEX = {json.dumps(index)};\n", "utf-8")
-    for path, body in bodies.items():
+    sources = {*pages(), *(ROOT / "scripts" / "examples").glob("*.py")}
+    for path in sources:
         place = out / address(path)
         place.parent.mkdir(parents=True, exist_ok=True)
-        up = os.path.relpath(out, place.parent) + "/"
-        up = up if up != "./" else ""
-        linked = _linked(body, path, out, place, set(sources))
-        menu = _menu(grouped, examples, up)
-        title = html.escape(next((text for text, _ in headings(body)), path.stem))
+        up, body = os.path.relpath(out, place.parent), rendered(path)
+        heading = re.search(r"<h1[^>]*>(.*?)</h1>", body, re.S)
+        title = re.sub(r"<[^>]+>", "", heading[1]) if heading else path.stem
         place.write_text(
             '<!doctype html><html lang="en"><meta charset="utf-8">'
             f"<title>{title}</title>"
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<style>{STYLE}</style><body>{menu}"
-            f'<main>{linked}</main><script>const UP = "{up}";</script>'
-            f'<script src="{up}index.js"></script><script>{SCRIPT}</script>'
-            "</body></html>",
+            f'<style>{STYLE}</style><body><nav><a href="{up}/index.html">cc_mujoco</a> '
+            f'<a href="{up}/cc_mujoco.html">Public names</a></nav>'
+            f"<main>{_linked(body, path, out, place, sources)}</main></body></html>",
             encoding="utf-8",
         )
-    for path in out.rglob("cc_mujoco*.html"):
-        if path.is_relative_to(out / "pages"):
-            continue
+    for path in {*out.rglob("cc_mujoco*.html")} - {*out.glob("pages/**/*")}:
         up = os.path.relpath(out, path.parent)
         text = path.read_text(encoding="utf-8")
         text = text.replace("<div>", f'<div><a href="{up}/index.html">All pages</a>', 1)
         path.write_text(text, encoding="utf-8")
-
-
-def _menu(
-    grouped: dict[str, tuple[list[str], list[tuple[str, str]]]],
-    examples: list[Path],
-    up: str,
-) -> str:
-    parts = [
-        f'<nav><a href="{up}index.html"><b>cc_mujoco</b></a>'
-        '<input type="search" placeholder="Search pages and names" aria-label="Search">'
-        '<div id="found"></div><div id="groups">'
-    ]
-    for topic, (names, titled) in grouped.items():
-        parts.append(f"<details open><summary><b>{topic}</b></summary>")
-        for title, place in titled:
-            file, _, heading = place.partition("#")
-            target = address(ROOT / file) + (f"#{heading}" if heading else "")
-            parts.append(f'<a href="{up}{target}">{title}</a>')
-        for name in names:
-            parts.append(f'<a href="{up}{REFERENCE}#{name}"><code>{name}</code></a>')
-        parts.append("</details>")
-    parts.append("<details open><summary><b>Examples</b></summary>")
-    for path in examples:
-        parts.append(f'<a href="{up}{address(path)}">{path.stem}</a>')
-    return "".join([*parts, "</details></div></nav>"])
 
 
 def _linked(body: str, path: Path, out: Path, place: Path, known: set[Path]) -> str:

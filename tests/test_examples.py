@@ -129,12 +129,6 @@ def test_ppo_learns_and_its_policy_plays(tmp_path: Path) -> None:
     assert policy.motors == 1
 
 
-@pytest.mark.study
-def test_the_hidden_drag_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    curves("diagnose_csv")
-    assert "viscous" in capsys.readouterr().out
-
-
 def test_a_rig_runs_to_its_end_within_limits(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

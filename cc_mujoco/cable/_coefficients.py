@@ -11,7 +11,12 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._fronts import CoulombChain, hold_against, overcome_direction
+from cc_mujoco.cable._fronts import (
+    PATH_TOLERANCE,
+    CoulombChain,
+    hold_against,
+    overcome_direction,
+)
 from cc_mujoco.cable._layout import Step
 from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
@@ -104,7 +109,7 @@ def friction_holds(n: int, chain: CoulombChain) -> bool:
     for j in range(n):
         way = overcome_direction(
             max(tension[j], 0.0), max(tension[j + 1], 0.0), hold_against(chain, j, 1),
-            hold_against(chain, j, -1), chain.drag[j],
+            hold_against(chain, j, -1), chain.drag[j], PATH_TOLERANCE,
         )  # fmt: skip
         if way != 0:
             return False
@@ -219,17 +224,16 @@ def commit(
             high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
         lost += (high - low) * shift[j]
         low = high
+    path, cable = at.carried_path(prm, n), at.carried_cable(prm, n)
     for j in range(0 if is_plain else n):
         high = 0.5 * (tension[j + 1] + node[j + 1])
-        curved = is_curved_cable or (is_curved and j + 1 == n)
-        if curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
             high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
-        ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
+        ratio = moving_path.surface_ratio(prm, low, high)
         lost += (high - low) * shift[j] * ratio
         if lengthens:
             # Cable that a surface carries to a node of another strain.
-            carried = at.carried_cable(prm, n)[j] * ratio - at.carried_path(prm, n)[j]
-            mixed += (high - low) * carried
+            mixed += (high - low) * (cable[j] * ratio - path[j])
         if has_bristles:
             lost += at.row(work, n, at.RELEASED_ENERGY)[j]
         low = high

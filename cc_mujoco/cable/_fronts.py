@@ -26,6 +26,8 @@ from cc_mujoco.native import FloatArray, compiled, internal
 
 LIMIT_TOLERANCE = 1e-11
 """Relative excess over the friction limit that counts as holding (rounding)."""
+PATH_TOLERANCE = 1e-9
+"""The same where bends change: rounding of a path stretches nodes of a micrometre."""
 
 
 @internal
@@ -35,15 +37,17 @@ def overcome_direction(
     hold_distal: float,
     hold_proximal: float,
     drag: float,
+    tolerance: float,
 ) -> int:
     """Return the direction in which a segment at rest breaks away, 0 if it holds.
 
     `proximal` and `distal` are its tensions [N], `hold_distal` and `hold_proximal` the
-    ratios that it holds against motion towards distal (+1) and proximal (-1).
+    ratios that it holds against motion towards distal (+1) and proximal (-1), and
+    `tolerance` is the relative excess over its limit that counts as holding.
     """
-    if distal > (hold_distal * proximal + drag) * (1.0 + LIMIT_TOLERANCE):
+    if distal > (hold_distal * proximal + drag) * (1.0 + tolerance):
         return 1
-    if proximal > (hold_proximal * distal + drag) * (1.0 + LIMIT_TOLERANCE):
+    if proximal > (hold_proximal * distal + drag) * (1.0 + tolerance):
         return -1
     return 0
 
@@ -115,17 +119,26 @@ def _run(
     It stops before the node `stop`.
     """
     step = 1 if stop > near else -1
-    way = step * direction
+    way, going = step * direction, float(direction)
+    c, e = front.c[near], front.e[near]
     for _ in range(abs(stop - near) - 1):
         far = near + step
         s = min(near, far)
-        low, high = max(front.e[near] / front.c[near], 0.0), chain.tension[far]
+        growth, drag, t = chain.growth[s], chain.drag[s], chain.tension[far]
+        low, high = max(e / c, 0.0), t
         if way < 0:
-            low, high = max(high, 0.0), low
-        hold = hold_against(chain, s, direction)
-        if not high > (hold * low + chain.drag[s]) * (1.0 + LIMIT_TOLERANCE):
+            low, high = max(t, 0.0), low
+        hold = growth if chain.slips[s] * going > 0.0 else chain.hold[s]
+        if not high > (hold * low + drag) * (1.0 + LIMIT_TOLERANCE):
             break
-        _carry(front, near, far, chain, way)
+        if way > 0:
+            a = c * (1.0 / growth)
+            b = e + a * drag
+        else:
+            a = c * growth
+            b = e - c * drag
+        c, e = a + chain.compliance[far], b + chain.compliance[far] * t
+        front.a[s], front.b[s], front.c[far], front.e[far] = a, b, c, e
         near = far
     return near
 
@@ -240,7 +253,7 @@ def march(
         ahead = right.e[j] / right.c[j] if last else tension[i + 1]
         slip_direction = overcome_direction(
             max(left.e[i] / left.c[i], 0.0), max(ahead, 0.0), hold_against(chain, i, 1),
-            hold_against(chain, i, -1), drag[i],
+            hold_against(chain, i, -1), drag[i], LIMIT_TOLERANCE,
         )  # fmt: skip
         from_proximal = slip_direction != 0
         if last and slip_direction != 0 and proximal_direction != slip_direction:
@@ -253,6 +266,7 @@ def march(
                 slip_direction = overcome_direction(
                     max(tension[s], 0.0), max(right.e[j] / right.c[j], 0.0),
                     hold_against(chain, s, 1), hold_against(chain, s, -1), drag[s],
+                    LIMIT_TOLERANCE,
                 )  # fmt: skip
             if slip_direction == 0:
                 settled = True
@@ -301,6 +315,7 @@ def march(
         turning = met or not overcome_direction(
             max(left.e[i] / left.c[i], 0.0),
             max(right.e[j] / right.c[j], 0.0), growth[i], growth[i], drag[i],
+            LIMIT_TOLERANCE,
         )  # fmt: skip
         moved = 0
         while turning:
@@ -360,4 +375,63 @@ def march(
         else:
             at = growth[s] * at + drag[s]
         node[s + 1] = at
+    return True
+
+
+@compiled
+def repeat_slip(
+    n: int,
+    chain: CoulombChain,
+    proximal: float,
+    distal: float,
+    shift: FloatArray,
+    node: FloatArray,
+    work: FloatArray,
+) -> bool:
+    """Solve a step in which the segments of the last one slip, the same way.
+
+    Return whether that is the solution: all of them go on, all others are held, and no
+    node is slack. The tensions before the step may be any. Arguments and results are
+    those of `march`; `work` holds (2 n,).
+    """
+    tension, compliance = chain.tension, chain.compliance
+    a, b = work[:n], work[n : 2 * n]
+    c, e = compliance[0], compliance[0] * tension[0] - proximal
+    for s in range(n):
+        way, drag, soft = chain.slips[s], chain.drag[s], compliance[s + 1]
+        if way > 0.0:
+            a[s] = c * (1.0 / chain.growth[s])
+            b[s] = e + a[s] * drag
+        elif way < 0.0:
+            a[s] = c * chain.growth[s]
+            b[s] = e - c * drag
+        else:
+            node[s], a[s], b[s] = e / c, 0.0, 0.0
+            if s > 0 and chain.slips[s - 1] == 0.0:
+                node[s] = tension[s]
+        c, e = a[s] + soft, b[s] + soft * tension[s + 1]
+    at = (e + distal) / c
+    node[n] = at
+    if not at >= 0.0:
+        return False
+    for s in range(n - 1, -1, -1):
+        way, drag, high = chain.slips[s], chain.drag[s], at
+        shift[s] = a[s] * high - b[s]
+        if way > 0.0:
+            at = (high - drag) / chain.growth[s]
+        elif way < 0.0:
+            at = chain.growth[s] * high + drag
+        else:
+            at = node[s]
+            if overcome_direction(
+                at, high, chain.hold[s], chain.hold[s], drag, PATH_TOLERANCE
+            ):
+                return False
+        node[s] = at
+        moved = shift[s] if way > 0.0 else -shift[s]
+        least = LIMIT_TOLERANCE * (at + high + drag) * compliance[s]
+        if way != 0.0 and not moved > least:
+            return False
+        if not at >= 0.0:
+            return False
     return True

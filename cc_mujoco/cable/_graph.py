@@ -30,7 +30,7 @@ import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains
 from cc_mujoco.cable._chain_solve import Chain, ChainMotion
-from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
+from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, PATH_TOLERANCE, overcome_direction
 from cc_mujoco.native import FloatArray, compiled, internal
 
 
@@ -90,7 +90,7 @@ def solve_with_slack(
             if way == 0.0 or shift[s] == 0.0:
                 now = overcome_direction(
                     node[s], node[s + 1], chain.hold_distal[s], chain.hold_proximal[s],
-                    drag[s],
+                    drag[s], PATH_TOLERANCE,
                 )  # fmt: skip
                 if now != 0 and float(now) == way:
                     # Slack at both ends of a chain that slips: one of them is taut.

@@ -39,7 +39,7 @@ from cc_mujoco.cable._coefficients import (
 )
 from cc_mujoco.cable._coefficients import written_size as written_size
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._fronts import CoulombChain, march
+from cc_mujoco.cable._fronts import CoulombChain, march, repeat_slip
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER
 from cc_mujoco.cable._layout import Step
@@ -227,9 +227,14 @@ def begin_step(
         if quick and still and not follows:
             _stick_all(n, new_state)
             return OK
-    if not quick:
-        return UNSOLVED
     node, shift = at.tensions(new_state, n), at.row(work, n, at.SHIFT)
+    if not quick:
+        again = is_constant_coulomb and by_position and not nodes.is_curved(prm)
+        if again and repeat_slip(
+            n, chain, proximal_moved, distal_moved, shift, node, work
+        ):
+            return MARCHED
+        return UNSOLVED
     stretch = new_state[3]
     if lengthens:
         stretch = 0.0

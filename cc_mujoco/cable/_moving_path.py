@@ -79,6 +79,11 @@ def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
     low, high = max(proximal, 0.0), max(distal, 0.0)
     if not nodes.is_curved_cable(prm):
         return float(1.0 + 0.5 * (low + high) / prm[PLACE.axial_stiffness])
+    return _curved_surface_ratio(prm, low, high)
+
+
+@internal
+def _curved_surface_ratio(prm: FloatArray, low: float, high: float) -> float:
     if abs(high - low) <= 1e-6 * (high + low):
         return stretch_ratio(prm, 0.5 * (low + high))
     unit = _cable_per_length(prm)

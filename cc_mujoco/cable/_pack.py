@@ -24,20 +24,23 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
     values = at.scalars(prm)
     hold = law.holding_coefficient(values)
     guided = int(prm[at.GUIDED])
-    everywhere = values[PLACE.load_independent_friction] != 0.0
+    dragged = values[PLACE.load_independent_friction] != 0.0
+    dragged = dragged or values[PLACE.seal_proximal] != 0.0
+    dragged = dragged or values[PLACE.seal_distal] != 0.0
     length = at.contact_length(prm, n)
     angle, drag = at.segment_angles(prm, n), at.constant_drag(prm, n)
     growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
     for j in range(n):
         if j > 0 and angle[j] == angle[j - 1]:  # as along an arc
-            growth[j], holding[j] = growth[j - 1], holding[j - 1]
+            growth[j] = growth[j - 1]
         else:
-            growth[j] = holding[j] = law.ratio(values[PLACE.friction], angle[j])
-            if hold != values[PLACE.friction]:
-                holding[j] = law.ratio(hold, angle[j])
-        drag[j] = 0.0
-        if everywhere or j == 0 or j == guided - 1:
-            drag[j] = law.drag(values, length[j], growth[j], j, guided)
+            growth[j] = law.ratio(values[PLACE.friction], angle[j])
+    holding[:] = growth
+    for j in range(n if hold != values[PLACE.friction] else 0):
+        holding[j] = law.ratio(hold, angle[j])
+    drag[:] = 0.0
+    for j in range(n if dragged else 0):
+        drag[j] = law.drag(values, length[j], growth[j], j, guided)
 
 
 @internal
@@ -142,18 +145,22 @@ def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
 
 
 @internal
+def _differ(one: FloatArray, other: FloatArray, n: int) -> bool:
+    j = 0
+    while j < n and one[j] == other[j]:
+        j += 1
+    return j < n
+
+
+@internal
 def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) -> bool:
     """Set wrap angles [rad] and contact lengths [m] of the segments, (n,) each.
 
     Return whether any has changed.
     """
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
-    bends, contact_changed = False, False
-    for j in range(n):
-        if angles[j] != angle[j]:
-            angle[j], bends = angles[j], True
-        if contacts[j] != contact[j]:
-            contact[j], contact_changed = contacts[j], True
+    bends, contact_changed = _differ(angles, angle, n), _differ(contacts, contact, n)
+    angle[:], contact[:] = angles, contacts
     if contact_changed:
         _update_for_lengths(prm, n)
     if bends or contact_changed:

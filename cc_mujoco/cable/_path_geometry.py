@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.native import FloatArray, inlined, internal
 
 KIND, TOUCHED, FIRST, LAST, CENTRE, AXES, PLACE_SIZE = 0, 1, 2, 5, 8, 11, 20
 """Numbers of a place: what it is; whether the path touches it, of a geom; where that
@@ -64,7 +64,7 @@ def between(a: Point, b: Point) -> Point:
     return Point(b.x - a.x, b.y - a.y, b.z - a.z)
 
 
-@internal
+@inlined
 def direction_to(a: Point, b: Point) -> tuple[Point, float]:
     """Return direction and distance [m] from a to b; zero direction if too close."""
     way = between(a, b)
@@ -83,7 +83,7 @@ def in_geom_frame(places: FloatArray, k: int, v: Point) -> Point:
     )
 
 
-@internal
+@inlined
 def angle_between(a: Point, b: Point) -> float:
     """Return the angle between two directions of length 1 [rad]."""
     off = between(a, b)
@@ -142,7 +142,7 @@ class _Bent(NamedTuple):
     scale: float  # metres of segments per metre of path
 
 
-@internal
+@inlined
 def _distribute_angle(
     bent: _Bent, begin: float, end: float, angle: float, j: int, stop: float
 ) -> tuple[int, float]:

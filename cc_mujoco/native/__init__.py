@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.native._functions import compiled as compiled
+from cc_mujoco.native._functions import inlined as inlined
 from cc_mujoco.native._functions import internal as internal
 from cc_mujoco.native._kinds import ByteMatrix as ByteMatrix
 from cc_mujoco.native._kinds import FloatCube as FloatCube

@@ -377,7 +377,9 @@ class FunctionWriter(Writer):
         ]
         unused = [n for n in [*self._arguments, *local] if n not in loaded]
         silence = [f"    (void){c_name(n)};" for n in unused]
-        head = f"static {self.library.head(self._as.name, self._as.signature)}"
+        inlined = hasattr(self.source.function, "inlined")
+        head = self.library.head(self._as.name, self._as.signature)
+        head = f"{'CC_ALWAYS_INLINE' if inlined else 'static'} {head}"
         body = [*variables, *self._storage, *silence, *self.lines]
         self._as.text = "\n".join([self._comment(), head, "{", *body, "}", ""])
 

@@ -167,6 +167,15 @@ def internal(function: Function) -> Function:
     return cast("Function", NativeFunction(cast("types.FunctionType", function), False))
 
 
+def inlined(function: Function) -> Function:
+    """Declare an `internal` function that C writes into its callers.
+
+    It is for short ones, called so often that calls would cost more than their work.
+    """
+    function.inlined = True  # type: ignore[attr-defined]
+    return internal(function)
+
+
 def callback(function: Function) -> Function:
     """Declare a compiled function that C calls as `cc_mujoco_` and its name."""
     plain = cast("types.FunctionType", function)

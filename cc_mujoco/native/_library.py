@@ -41,7 +41,7 @@ DIGEST_NAME = "cc_mujoco_digest"
 FLAGS = (
     "-std=c99", "-O3", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv",
     "-fno-semantic-interposition", "-fno-plt",
-    "-fno-math-errno", "-fvisibility=hidden", "-g0",
+    "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden", "-g0",
 )  # fmt: skip
 """Flags of the compiler. Nothing is contracted: every machine gives the same bits."""
 _lock = threading.RLock()

@@ -18,8 +18,10 @@
 #endif
 #if defined(__GNUC__)
 #define CC_INLINE __attribute__((unused)) static inline
+#define CC_ALWAYS_INLINE __attribute__((always_inline)) static inline
 #else
 #define CC_INLINE static inline
+#define CC_ALWAYS_INLINE static inline
 #endif
 
 #if defined(CC_DUAL) /* a number and its derivative, see `dual.h` */

@@ -48,10 +48,9 @@ def digest(model: MjModel, tendon: int) -> int:
         return 0
     if tendon >= model.ntendon:
         return -1
-    found, weight = tendon + model.tendon_num[tendon], 1
+    found = tendon + model.tendon_num[tendon]
     for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
-        weight *= 1099511628211
-        found += (model.wrap_type[i] + 16 * model.wrap_objid[i]) * weight
+        found = 1099511628211 * found + model.wrap_type[i] + 16 * model.wrap_objid[i]
     return int(found)
 
 
@@ -64,13 +63,15 @@ def places_size(model: MjModel, tendon: int) -> int:
 def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
     """Write places of a path, as last evaluated, see `cable/_path_geometry.py`."""
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
-    for k in range(model.tendon_num[tendon]):
+    number, first = model.tendon_num[tendon], data.wrap_xpos.ctypes.data
+    for k in range(number):
         place = places[geometry.PLACE_SIZE * k :]
-        points = ffi.floats(data.wrap_xpos.ctypes.data + 24 * at, 6)
+        points = ffi.floats(first + 24 * at, 6)
         kind, thing = model.wrap_type[start + k], model.wrap_objid[start + k]
         place[geometry.KIND] = geometry.SITE
         if kind != mjtWrap.mjWRAP_SPHERE and kind != mjtWrap.mjWRAP_CYLINDER:
-            place[geometry.FIRST : geometry.FIRST + 3] = points[:3]
+            for i in range(3):
+                place[geometry.FIRST + i] = points[i]
             at += 1
             continue
         is_sphere = kind == mjtWrap.mjWRAP_SPHERE

@@ -94,7 +94,8 @@ def known_values(
     if not yields:
         packed |= {at.YIELD_PROXIMAL: 0.0, at.YIELD_DISTAL: 0.0}
     kinds = {"proximal_kind": kernel.POSITION, "distal_kind": kernel.POSITION}
-    rounding = {"LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6, "_MIN_ARC_ANGLE": -1e-2}
+    names = ("LIMIT_TOLERANCE", "PATH_TOLERANCE", "_ROUNDING")
+    rounding = {**dict.fromkeys(names, 1e-6), "_MIN_ARC_ANGLE": -1e-2}
     return Known(packed, kinds, rounding if single else {})
 
 

@@ -32,7 +32,7 @@ from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.native import FloatArray, compiled, internal
+from cc_mujoco.native import FloatArray, compiled, inlined, internal
 
 _MAX_NODE_SHARE = 0.5
 """Part of a node's cable that a step may take out of it."""
@@ -48,11 +48,16 @@ def _cable_per_length(prm: FloatArray) -> elastic.Piece:
     return elastic.Piece(taut, bedding, half, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0)
 
 
-@internal
+@inlined
 def stretch_ratio(prm: FloatArray, tension: float) -> float:
     """Return stretched over unstretched length at a tension [N]; below 1 if slack."""
     if not nodes.is_curved_cable(prm):
         return float(1.0 + tension / prm[PLACE.axial_stiffness])
+    return _curved_stretch_ratio(prm, tension)
+
+
+@internal
+def _curved_stretch_ratio(prm: FloatArray, tension: float) -> float:
     return 1.0 + elastic.stretch_of(_cable_per_length(prm), tension)
 
 
@@ -66,7 +71,7 @@ def strain_energy(prm: FloatArray, ratio: float) -> float:
     return elastic.energy_at(unit, elastic.tension_of(unit, strain))
 
 
-@internal
+@inlined
 def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
     """Return the slip along the surface per unstretched slip of a segment.
 
@@ -148,8 +153,8 @@ def carry(
     springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
     gives = springs + prm[PLACE.clearance] > 0.0
     for i in range(n + 1):
-        came, ratio = carried, following
-        flow += gained[i] - (now[i] - before[i])
+        came, ratio, grown = carried, following, now[i] - before[i]
+        flow += gained[i] - grown
         carried = 0.0
         if i < n:
             following = stretch_ratio(prm, tension[i + 1])
@@ -160,7 +165,7 @@ def carry(
         share, rope = 1.0 / ratio, now[i]
         if gives:
             rope -= nodes.given_way(prm, n, i, tension[i])
-        taken = (now[i] - before[i]) * share + carried - came
+        taken = grown * share + carried - came
         loose = rope * share * share
         if tension[i] < 0.0:
             taken -= _bend_of_slack(rope, ratio)
@@ -171,8 +176,8 @@ def carry(
             prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL] = ratio
             nodes.set_node(prm, n, i)
         else:
-            compliance[i] = length[i] * soft
-            stiffness[i] = 1.0 / compliance[i]
+            own = loose * soft
+            compliance[i], stiffness[i] = own, 1.0 / own
     return changed
 
 
@@ -243,18 +248,18 @@ def apply_material_law(
     """
     ea = prm[PLACE.axial_stiffness]
     for i in range(n + 1):
-        if after[i] == before[i]:
+        old, new = before[i], after[i]
+        if new == old:
             continue
         straight = not nodes.is_curved_node(prm, n, i)
-        plain = straight and nodes.end_spring(prm, n, i) == 0.0
-        if plain and before[i] < 0.0:
-            after[i] *= ea / (ea - min(after[i], _MAX_NODE_SHARE * ea))
-        elif plain:
-            whole = ea + before[i]
-            risen = min(after[i] - before[i], _MAX_NODE_SHARE * whole)
-            after[i] = before[i] + risen * whole / (whole - risen)
+        if not (straight and nodes.end_spring(prm, n, i) == 0.0):
+            after[i] = _tension_by_law(prm, n, i, old, new)
+        elif old < 0.0:
+            after[i] = new * (ea / (ea - min(new, _MAX_NODE_SHARE * ea)))
         else:
-            after[i] = _tension_by_law(prm, n, i, before[i], after[i])
+            whole = ea + old
+            risen = min(new - old, _MAX_NODE_SHARE * whole)
+            after[i] = old + risen * whole / (whole - risen)
 
 
 @compiled

@@ -10,7 +10,7 @@ from __future__ import annotations
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.native import FloatArray, compiled, internal
+from cc_mujoco.native import FloatArray, compiled, inlined, internal
 
 
 @internal
@@ -25,7 +25,7 @@ def is_curved_cable(prm: FloatArray) -> bool:
     return float(prm[at.CURVED]) > 1.0
 
 
-@internal
+@inlined
 def is_curved_node(prm: FloatArray, n: int, i: int) -> bool:
     """Return whether the stiffness of node i depends on its tension."""
     return is_curved_cable(prm) or (is_curved(prm) and (i == 0 or i == n))
@@ -254,7 +254,7 @@ def tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
     return elastic.tension_of(node_piece(prm, n, i), stretched)
 
 
-@internal
+@inlined
 def tension_after_stretch(
     prm: FloatArray, n: int, i: int, tension: float, stretched: float
 ) -> float:
@@ -263,6 +263,13 @@ def tension_after_stretch(
         return tension
     if not is_curved_node(prm, n, i):
         return float(tension + at.node_stiffness(prm, n)[i] * stretched)
+    return _curved_tension_after_stretch(prm, n, i, tension, stretched)
+
+
+@internal
+def _curved_tension_after_stretch(
+    prm: FloatArray, n: int, i: int, tension: float, stretched: float
+) -> float:
     own = node_piece(prm, n, i)
     return elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
 

@@ -262,11 +262,12 @@ def measure(
 @internal
 def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> float:
     """Return the largest stiffness of a straight piece, from nodes (n + 1,) [N/m]."""
-    extent, most = _row(shape, n, _EXTENT), 0.0
-    for j in range(n + 1):
-        if extent[j] != 0.0:
-            last = j + int(extent[j]) - 1
-            most = max(most, stiffness[j], stiffness[last])
+    extent, most, j = _row(shape, n, _EXTENT), 0.0, 0
+    while j <= n:
+        size = int(extent[j])
+        if size > 0:
+            most = max(most, stiffness[j], stiffness[j + size - 1])
+        j += max(size, 1)
     return most
 
 
@@ -320,10 +321,12 @@ def path_growth(
 ) -> float:
     """Return the growth of the path since `memory` was written [m]."""
     extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
-    grown = 0.0
-    for j in range(n + 1):
-        if extent[j] != 0.0:
+    grown, j = 0.0, 0
+    while j <= n:
+        size = int(extent[j])
+        if size > 0:
             grown += total[j] - _previous_value(reference, memory, n, j, _TOTAL)
+        j += max(size, 1)
     return grown
 
 
@@ -343,10 +346,13 @@ def lengthen(
     gained[:] = 0.0
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
     total, left = _row(shape, n, _TOTAL), _row(shape, n, _LENGTH_BEFORE)
-    for j in range(n + 1):
-        if extent[j] == 0.0:
+    ahead = 0
+    while ahead <= n:
+        j, size = ahead, int(extent[ahead])
+        ahead += max(size, 1)
+        if size == 0:
             continue
-        m = int(extent[j]) - 1
+        m = size - 1
         grown = total[j] - _previous_value(reference, memory, n, j, _TOTAL)
         if touch[j] == _STRAIGHT:
             for i in range(m + 1):

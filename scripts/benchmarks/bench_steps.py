@@ -62,12 +62,40 @@ def ideal_finger() -> mujoco.MjModel:
     return spec.compile()
 
 
+def hands(ideal: bool) -> mujoco.MjModel:
+    """Return five hands with four open cables each, or `ideal` tendons in their place."""
+    spec = mujoco.MjSpec.from_file(str(scene_path("hand")))
+    for k in range(1, 5):
+        other = mujoco.MjSpec.from_file(str(scene_path("hand")))
+        place = spec.worldbody.add_frame(pos=[0.0, 0.2 * k, 0.0])
+        spec.attach(other, prefix=f"{k}_", frame=place)
+    for cable in spec.plugins:
+        cable.config = {**cable.config, "route": cable.name}
+    for actuator in list(spec.actuators if ideal else []):
+        if actuator.plugin.active:
+            for sensor in spec.sensors:
+                if sensor.objname == actuator.name:
+                    sensor.objname = spec.actuators[0].name
+            spec.delete(actuator)
+        elif "motor_" in actuator.name:
+            actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
+            actuator.target = actuator.target.replace("drum_", "")
+            actuator.gear = [-1.0 / 0.008] + [0.0] * 5
+    return spec.compile()
+
+
 def turn_wrist(data: mujoco.MjData) -> None:
     data.actuator("motor").ctrl[0] = 0.8 * np.sin(40.0 * data.time)
 
 
 def pull_finger(data: mujoco.MjData) -> None:
     data.ctrl[0] = 0.08 + 0.07 * np.sin(6.0 * data.time)
+
+
+def pull_hands(data: mujoco.MjData) -> None:
+    motors = np.arange(data.ctrl.size) % (data.ctrl.size // 5) < 4
+    phase = np.linspace(0.0, 6.0, np.count_nonzero(motors))
+    data.ctrl[motors] = 0.08 + 0.07 * np.sin(6.0 * data.time + phase)
 
 
 def walk(data: mujoco.MjData) -> None:
@@ -131,6 +159,8 @@ def main(steps: int = 1000, rounds: int = 101, simulations: int = 64) -> None:
         "open": (with_cable("finger", **finger, path="open"), pull_finger),
         "fixed": (fixed, pull_finger),
         "ideal finger": (ideal_finger(), pull_finger),
+        "hands": (hands(ideal=False), pull_hands),
+        "ideal hands": (hands(ideal=True), pull_hands),
         "moving": (with_cable("ankle", **ankle, bend="route"), walk),
         "still": (with_cable("ankle", **ankle, bend="fixed"), walk),
         "moving, viscous": (with_cable("ankle", **thick, bend="route"), walk),
@@ -144,11 +174,12 @@ def main(steps: int = 1000, rounds: int = 101, simulations: int = 64) -> None:
         ("wrist: two cables / ideal gear", "wrist", "ideal wrist"),
         ("finger: open cable / ideal tendon", "open", "ideal finger"),
         ("finger: open cable / fixed bends", "open", "fixed"),
+        ("hands: 20 open cables / ideal tendons", "hands", "ideal hands"),
         ("ankle: moving route / fixed bends", "moving", "still"),
         ("the same, viscous friction", "moving, viscous", "still, viscous"),
         (f"batch of {simulations} wrists: 2 threads / 1", "2 threads", "1 threads"),
     ):
-        print(f"{title:36} {spread(cost[theirs] / cost[ours])}")
+        print(f"{title:38} {spread(cost[theirs] / cost[ours])}")
 
 
 if __name__ == "__main__":

@@ -78,7 +78,9 @@ def test_a_term_of_an_open_path_acts_or_is_warned_of(
     ends = DRUMS if drums else {}
     value = {"eccentricity": 2e-3, "ovality": 2e-3, "friction": 0.3}.get(key, 9)
     m = over(path, ends="explicit", **(ends | {key: value}))
-    acts = not np.array_equal(final(m), final(over(path, ends="explicit", **ends)))
+    without = final(over(path, ends="explicit", **ends))
+    # Other solvers find the same tensions, but for rounding.
+    acts = not np.allclose(final(m), without, rtol=1e-9)
     assert acts != any(f"key `{key}` has no effect" in line for line in warned())
 
 

@@ -63,7 +63,7 @@ def ideal_finger() -> mujoco.MjModel:
 
 
 def hands(ideal: bool) -> mujoco.MjModel:
-    """Return five hands with four open cables each, or `ideal` tendons in their place."""
+    """Return five hands with four open cables each, or with `ideal` tendons instead."""
     spec = mujoco.MjSpec.from_file(str(scene_path("hand")))
     for k in range(1, 5):
         other = mujoco.MjSpec.from_file(str(scene_path("hand")))

@@ -398,6 +398,7 @@ def compute(
     if lead == block:
         lead.evaluation_count += 1
         lead.known_step = 0
+        messages.note_position(model, data, lead)
         _undo_early(model, data, instance)
     usable = evaluating.update_parameters(block, model, instance)
     block.evaluated_model = model if usable else 0
@@ -431,7 +432,7 @@ def compute(
             _check(model, data, block)
         if begins:
             pose = blocks.committed(state, n).pose
-            touched = messages.position_changed(data.qpos[: model.nq], pose)
+            touched = messages.position_changed(lead, pose)
             block.position_changed = int(touched)
         implicit = implicit_ends.is_implicit(model, block)
     block.path_evaluation = 0
@@ -479,6 +480,8 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     block = blocks.own_block(model, data, instance)
     if block == 0:
         return
+    if block.lead == instance:
+        messages.note_position(model, data, block)
     # Without actuation that is of an evaluation before this step.
     idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     rk4 = evaluating.is_rk4(model)
@@ -537,7 +540,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         ffi.copy(block + block.new_state, state, written)
         kept = blocks.committed(state, n)
         kept.time = time
-        kept.pose = messages.checksum(data.qpos[: model.nq])
+        kept.pose = blocks.block_at(data, block.lead).position
         kept.ends[0], kept.ends[1] = ends
         for part in range(3):
             kept.velocities[part] = messages.velocity(data, block, part)

@@ -50,6 +50,8 @@ class _Block(ctypes.Structure):
         ("stiffness", _REAL * 2),  # of the ends with the present parameters, or 0
         ("path_evaluation", _INT),  # in which it was led along its path, or 0
         ("evaluation_count", _INT),  # of a model's first cable
+        ("position", _REAL),  # of a model's first cable: checksum of `qpos`
+        ("position_size", _REAL),
         ("early_pull", _INT),  # of its pieces: 0, `EARLY_KEPT` or `EARLY_REPLACED`
         ("position_changed", _INT),  # whether `qpos` is not what the last step made it
         ("checked_stiffness", _REAL),  # of a piece when last held against limits

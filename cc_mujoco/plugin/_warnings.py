@@ -516,13 +516,20 @@ def checksum(positions: FloatArray) -> float:
 
 
 @internal
-def position_changed(positions: FloatArray, led: float) -> bool:
-    """Return whether `qpos` has another `checksum` than `led`, but for rounding."""
-    size = 1.0
+def note_position(model: MjModel, data: MjData, lead: Block) -> None:
+    """Keep the checksum of `qpos` for all cables of a model."""
+    positions = data.qpos[: model.nq]
+    lead.position_size = 1.0
     for k in range(positions.size):
-        size += abs(positions[k])
+        lead.position_size += abs(positions[k])
+    lead.position = checksum(positions)
+
+
+@internal
+def position_changed(lead: Block, led: float) -> bool:
+    """Return whether `qpos` has another `checksum` than `led`, but for rounding."""
     # Rounding makes a smaller difference.
-    return not abs(checksum(positions) - led) <= 1e-9 * size
+    return not abs(lead.position - led) <= 1e-9 * lead.position_size
 
 
 @internal

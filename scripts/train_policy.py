@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.cable import PATHS
-from cc_mujoco.device import Device, DeviceModel, Plant, find_device
+from cc_mujoco.device import Device, DeviceModel, find_device
 from cc_mujoco.envs import DeviceVectorEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
@@ -171,7 +171,7 @@ def first_actions(scene: str) -> tuple[float, list[float]]:
     if scene in DEVIATIONS:
         return DEVIATIONS[scene], [TAUT[scene]]
     device = device_of(scene)
-    model = DeviceModel(device.description, Plant(device).model())
+    model = DeviceModel.of(device)
     deviations, means = [], []
     for axis, own, drive in zip(
         device.description.axes, model.axes, model.drives(1.0), strict=True

@@ -228,8 +228,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         drives = [(drive,)] * len(draws)
     else:
         if at.structure:
-            plain = draws[0].known
-            known = DeviceModel(plain.description, plain.model()).drives(exo.period)
+            known = DeviceModel.of(draws[0].known).drives(exo.period)
         equipped = [sensing.equip(drive) for drive in known]
         drives = believed_drives(equipped, exo.device.driven, draws, beliefs)
     law: Controller

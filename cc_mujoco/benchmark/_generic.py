@@ -21,7 +21,7 @@ from cc_mujoco.benchmark._conditions import (
     varied_conditions,
 )
 from cc_mujoco.benchmark._plant import EFFECTS, LAG_NAME, has_effect
-from cc_mujoco.device import Description, DeviceModel, Plant, find_device
+from cc_mujoco.device import Description, DeviceModel, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Perturbed, Task, Trajectory, task, trajectory
 from cc_mujoco.simulation._worn_device import axis_trajectories
@@ -33,7 +33,7 @@ def generic_conditions(scene: str) -> list[Condition]:
     Raises `CableError` if its description names no trajectory or task, or a task that
     commands an angle.
     """
-    device, model = find_device(scene), device_model(scene)
+    device, model = find_device(scene), DeviceModel.of(scene)
     plain, tasks = plain_condition(scene), device_motion(model)[1]
     found = varied_conditions(plain, bool(device.wearers))
     if device.wearers:
@@ -51,14 +51,9 @@ def generic_conditions(scene: str) -> list[Condition]:
     return [*found, own, *crossed_conditions(plain)]
 
 
-def device_model(scene: str) -> DeviceModel:
-    device = find_device(scene)
-    return DeviceModel(device.description, Plant(device).model())
-
-
 def plain_condition(scene: str) -> Condition:
     """Return an unnamed condition with the device's own trajectory and tasks."""
-    motion, tasks = device_motion(device_model(scene))
+    motion, tasks = device_motion(DeviceModel.of(scene))
     if any(one.commands_angle for one in tasks):
         raise CableError(
             f"the task of {scene} commands an angle; `--suite position` plays it."

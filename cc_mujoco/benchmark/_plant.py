@@ -145,7 +145,7 @@ class Actuation:
 
 @lru_cache(maxsize=64)
 def _scales(device: Device) -> dict[str, _Scale]:
-    model = DeviceModel(device.description, Plant(device).model())
+    model = DeviceModel.of(device)
     found: dict[str, _Scale] = {}
     axes, drives = device.description.axes, model.drives(1.0)
     for axis, own, drive in zip(axes, model.axes, drives, strict=True):
@@ -207,7 +207,7 @@ def hidden_effect(
                     values = {f"{cable}.bend": BENDS[1]}
     if values or name == "tremor":  # which is in the motion
         return device, values, Actuation()
-    drives = DeviceModel(known.description, known.model()).drives(1.0)
+    drives = DeviceModel.of(known).drives(1.0)
     pairs = zip(axes, drives, strict=True)
     unit = [abs(a.units["desired_torque_nm"] / drive.ratio) for a, drive in pairs]
     if name == "cogging":

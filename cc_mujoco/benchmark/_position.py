@@ -14,10 +14,10 @@ from functools import lru_cache
 from typing import Any
 
 from cc_mujoco.benchmark import _conditions as conditions
-from cc_mujoco.benchmark._generic import device_model, device_motion
+from cc_mujoco.benchmark._generic import device_motion
 from cc_mujoco.benchmark._plant import POSITION_EFFECTS, sample_plants
 from cc_mujoco.control import fit_hysteresis
-from cc_mujoco.device import Drive
+from cc_mujoco.device import DeviceModel, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
 
@@ -35,7 +35,7 @@ class PositionCondition(conditions.Condition):
 
 
 def position_conditions(scene: str) -> list[conditions.Condition]:
-    motion, tasks = device_motion(device_model(scene))
+    motion, tasks = device_motion(DeviceModel.of(scene))
     if len(tasks) != 1 or not tasks[0].commands_angle:
         raise CableError(
             f"the suite 'position' plays devices of one axis whose task commands an "
@@ -55,7 +55,7 @@ def position_conditions(scene: str) -> list[conditions.Condition]:
 
 
 def nominal_drive(condition: conditions.Condition) -> Drive:
-    model = device_model(condition.scene)
+    model = DeviceModel.of(condition.scene)
     drive = model.drives(model.description.period)[0]
     return dataclasses.replace(drive, commands_angle=True)
 

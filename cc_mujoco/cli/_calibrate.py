@@ -36,7 +36,7 @@ class Calibrate:
         from cc_mujoco.device._device_files import is_device_file, locate
 
         locate(self.scene)
-        from cc_mujoco.device import DeviceModel, Plant, find_device
+        from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device_files import HYSTERESIS_ENDING, write_hysteresis
 
         device = find_device(self.scene)
@@ -59,11 +59,9 @@ class Calibrate:
         from cc_mujoco.simulation import calibration_trials
 
         place = device.description.axes.index(axis)
-        plant = Plant(device)
-        model = DeviceModel(device.description, plant.model())
-        drive = model.drives(device.description.period)[place]
+        drive = DeviceModel.of(device).drives(device.description.period)[place]
         if self.trial is None:
-            trial = calibration_trials([plant])[0]
+            trial = calibration_trials([device])[0]
         else:
             trial = HysteresisTrial.of(*_measured_angles(self.trial), drive.ratio)
         found = fit_hysteresis(trial, drive, self.controllers or FITTED)

@@ -268,10 +268,9 @@ def controller(
             "a controller is made for a Drive, a Device, a Plant or the name or file "
             f"of a device, not for {drive!r}."
         )
-    plant = drive if isinstance(drive, Plant) else Plant(drive)
-    model = DeviceModel(plant.description, plant.model())
+    model = DeviceModel.of(drive)
     drives = model.drives(model.frame_skip * float(model.model.opt.timestep))
-    tasks = [find_task(axis.task, (axis.limb,)) for axis in plant.description.axes]
+    tasks = [find_task(axis.task, (axis.limb,)) for axis in model.description.axes]
     each = [
         dataclasses.replace(own, commands_angle=task.commands_angle)
         for own, task in zip(drives, tasks, strict=True)

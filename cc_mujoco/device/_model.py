@@ -10,6 +10,7 @@ import copy
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
@@ -21,7 +22,7 @@ from cc_mujoco.cable._cable import PATHS, Cable
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
-from cc_mujoco.device._device import Device
+from cc_mujoco.device._device import Device, Nominal
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._moment_arm import Arms, TabledWinding, Winding, open_winding
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover
@@ -290,6 +291,12 @@ class DeviceModel:
         """The cables of the model, as it was given."""
         self.written: dict[str, Cable] = {}
         """Cables to write into the model first, see `with_cables`."""
+
+    @classmethod
+    def of(cls, plant: Plant | Nominal | str | Path) -> DeviceModel:
+        """Return the compiled model of a plant, or of a device as its scene has it."""
+        plant = plant if isinstance(plant, Plant) else Plant(plant)
+        return cls(plant.description, plant.model())
 
     def _require_parts(self) -> None:
         """Raise `CableError` if the model lacks a part of the description."""

@@ -52,7 +52,7 @@ class Export:
 
         locate(self.scene)
         from cc_mujoco import export
-        from cc_mujoco.device import DeviceModel, Plant, find_device
+        from cc_mujoco.device import DeviceModel, find_device
 
         if look_up("target", self.target, {"c": False, "onnx": True}):
             self._write_onnx()
@@ -71,7 +71,7 @@ class Export:
             axes = (description.axis(self.axis),)
         places = [description.axes.index(axis) for axis in axes]
         export.require_ours(self.out)
-        made = DeviceModel(description, Plant(device).model())
+        made = DeviceModel.of(device)
         drives = made.drives(description.period)
         plan = export.ExportPlan.of(
             self.controller,

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cc_mujoco.assets import SCENES
-from cc_mujoco.device import Plant
 from cc_mujoco.device._derivation import known_torque_noise
 from cc_mujoco.device._device import Device, find_device
 from cc_mujoco.device._drive import Drive
@@ -32,7 +31,7 @@ def axis_model(device: Device, axis: str | None = None) -> AxisModel:
     """Return an axis of a device on its compiled model; a single axis needs no name."""
     description = device.description
     place = description.axes.index(description.axis(axis))
-    return DeviceModel(description, Plant(device).model()).axes[place]
+    return DeviceModel.of(device).axes[place]
 
 
 def drive_of(

@@ -83,7 +83,6 @@ from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco._utils.user_code import named_object, user_errors
 from cc_mujoco.control import Controller, axes_controller
 from cc_mujoco.control._controller import SteppedController
-from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
@@ -472,7 +471,7 @@ class RigAxes:
         self.log_names = ("",) if len(every) == 1 else self.names
         """Names of the axes in a log, see `RunLog`."""
         self.drives = tuple(each.drive() for each in self.settings)
-        models = DeviceModel(device.description, Plant(device).model()).axes
+        models = DeviceModel.of(device).axes
         self.windings = Windings([models[k] for k in places])
         self._measuring = {
             model.axis.joint: model.axis.name

@@ -407,7 +407,7 @@ def calibration_trials(
             f"a wearer moves joint {axis.limb!r} of {description.scene!r}; hysteresis "
             "is calibrated where cables and springs alone move the joint."
         )
-    model = DeviceModel(description, made[0].model())
+    model = DeviceModel.of(made[0])
     low, high = joint_range(model.model, axis.joint)
     # The swing is 15 % beyond the reach of the device, and 5 % short of the stops.
     room = 0.95 * min(high - axis.centre, axis.centre - low)

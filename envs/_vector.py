@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.device import Device, find_device
-from cc_mujoco.device._model import Array, load
+from cc_mujoco.device._model import load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation import _worn_device as worn_device
 from cc_mujoco.simulation._batch import Simulations, Worlds
 from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, Episodes

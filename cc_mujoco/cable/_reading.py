@@ -13,8 +13,8 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.native import ByteMatrix, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray as Floats
 
-Floats = NDArray[np.float64]
 PATH_MEMORY = 7
 """Numbers in the state of the plugin between the kernel's and an open path's."""
 

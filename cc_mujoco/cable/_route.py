@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
-
-Floats = NDArray[np.float64]
-"""Numbers of double precision."""
+from cc_mujoco.native import FloatArray as Floats
 
 
 def ancestors(model: Any, body: int) -> list[int]:

@@ -32,8 +32,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 class CouplingTables(NamedTuple):

@@ -18,12 +18,11 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.errors import CableError
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 PLAYS, PIECES = 12, 8  # numbers of plays, and of straight pieces of the curve, of a fit
 

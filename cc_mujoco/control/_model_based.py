@@ -153,9 +153,7 @@ class StictionCompensation(ModelBased):
     """
 
     stepped = dataclasses.replace(
-        ModelBased.stepped,
-        step=law_steps.step_stiction,
-        unread=ModelBased.unread_gains,
+        ModelBased.stepped, step=law_steps.step_stiction, unread=ModelBased.unread_gains
     )
     kind = law_steps.STICTION
 

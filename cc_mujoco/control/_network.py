@@ -13,12 +13,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 ACTIVATIONS = ("tanh", "relu", "identity", "elu")
 """Names of the functions that may follow a layer."""

@@ -37,7 +37,7 @@ from cc_mujoco.control._controller import (
     readings,
 )
 from cc_mujoco.control._feedback import stable_settling_time
-from cc_mujoco.control._network import Array, Network
+from cc_mujoco.control._network import Network
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive
@@ -50,6 +50,7 @@ from cc_mujoco.device._observation import (
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
+from cc_mujoco.native import FloatArray as Array
 
 POLICY_METADATA_KEY = "cc_mujoco"
 """Key of the JSON in the metadata of a file."""

@@ -41,16 +41,12 @@ from cc_mujoco.control._controller import (
     readings,
     total_delay,
 )
-from cc_mujoco.control._hysteresis import (
-    MODELS,
-    Array,
-    HysteresisTrial,
-    Line,
-)
+from cc_mujoco.control._hysteresis import MODELS, HysteresisTrial, Line
 from cc_mujoco.control._rollout import joint_torque
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.native import FloatArray as Array
 
 FITTED = (*MODELS, "cable_inverse")
 """Controllers whose parameters are fitted to a trial."""

@@ -15,6 +15,7 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import known_metric, metric_of
 from cc_mujoco.design._sensitivity import Sensitivity, Surface
 from cc_mujoco.device._variables import describe
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _figures as figures
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from cc_mujoco.design._report_text import RankedStudy
 
-Array = NDArray[np.float64]
 PAGE_WIDTH = 4.8
 """Width of a figure whose text can be read where the page is 390 px wide [inch]."""
 

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick
@@ -47,9 +46,9 @@ from cc_mujoco.metrics._formulas import (
     first_unsafe_sample,
 )
 from cc_mujoco.metrics._metric import Key, Test
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended_together, play
 
-Array = NDArray[np.float64]
 Real = TypeVar("Real", float, Array)
 Design = dict[str, Value]
 

@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
@@ -34,8 +33,7 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import CONTROLLER_METRIC
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 TRUST_REGION = 0.1
 """Share of a variable's range, to either side, over which slopes are trusted."""

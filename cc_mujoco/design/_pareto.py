@@ -16,8 +16,7 @@ from cc_mujoco.design._protocol import metric_of_designs
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.design import _follow_up as follow_up
@@ -39,7 +38,6 @@ from cc_mujoco.report._html import (
     table,
 )
 
-Array = NDArray[np.float64]
 Row = Mapping[str, object]
 
 NEAR_BEST_SHARE = 0.05

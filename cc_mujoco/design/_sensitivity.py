@@ -21,16 +21,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.device._variables import Value
+from cc_mujoco.native import FloatArray as Array
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
 
-Array = NDArray[np.float64]
 Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
 """First order, total, pairs."""
 

@@ -10,9 +10,9 @@ import ctypes
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, IntArray, internal
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin._ffi import MjData, floats, reinterpret, words
 
 MIN_LEVERAGE = 0.1
@@ -59,7 +59,6 @@ AXIS = np.dtype(
 """Record of an axis: places of its parts in the arrays, and its numbers."""
 
 AXIS_SIZE = AXIS.itemsize
-Array = NDArray[np.float64]
 
 AxisRecord = Annotated[Any, ("AxisRecord", AXIS)]
 

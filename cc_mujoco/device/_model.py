@@ -30,9 +30,8 @@ from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import WINDING_COLUMNS, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin._mjcf import make_room, write_cable
-
-Array = NDArray[np.float64]
 
 
 class Places(NamedTuple):

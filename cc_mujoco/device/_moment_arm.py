@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.device._axis_record import MIN_LEVERAGE
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 class Winding(NamedTuple):

@@ -31,8 +31,7 @@ from cc_mujoco.native import (
     compiled,
     internal,
 )
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 OBSERVATION_LIMIT = 10.0
 """Value at which an observation saturates."""

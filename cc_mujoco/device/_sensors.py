@@ -25,13 +25,13 @@ from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 
 # Devices are known before MuJoCo is loaded.
 if TYPE_CHECKING:
     from cc_mujoco.cable import Cable
     from cc_mujoco.device._drive import Drive
 
-Array = NDArray[np.float64]
 
 MEASURED_COLUMNS = (
     "motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad",

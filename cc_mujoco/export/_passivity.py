@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import POLICY_ENDING
 from cc_mujoco.control import AxesController, Controller, axes_controller, controller
@@ -33,11 +32,10 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._worn_device import WornDevice
-
-Array = NDArray[np.float64]
 
 MOVE_TIME, SETTLE_TIME, EPISODE_TIME = 0.4, 0.6, 2.0
 """Time of the move, of its transient, and of all with the measurement [s]."""

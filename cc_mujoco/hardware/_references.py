@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils import tables
 from cc_mujoco._utils.atomic_io import replacing
@@ -33,8 +32,7 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings
 from cc_mujoco.human import TRAJECTORIES, Task, task
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 class Desired(Protocol):

@@ -29,10 +29,9 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
 from cc_mujoco.metrics._metric import Key
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation import _log_columns as log_columns
 from cc_mujoco.simulation._episode_log import EpisodeLog
-
-Array = NDArray[np.float64]
 
 REQUIRED_COLUMNS = RUN_COLUMNS[1:8]
 """Columns that a log must have of every axis, besides time."""

@@ -10,17 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.datasets._run_log import beside
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._loop import RunOutcome
 from cc_mujoco.hardware._replay import read_rows
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure, save, style
-
-Array = NDArray[np.float64]
 
 AT_LIMIT_SHARE = 0.02
 """Share of cycles at a torque limit above which the report mentions it."""

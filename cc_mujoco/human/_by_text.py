@@ -37,12 +37,13 @@ from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
 from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
 from cc_mujoco._validation import require_number
 from cc_mujoco.errors import CableError, look_up, naming
-from cc_mujoco.human._motion import Array, Motion, Trajectory
+from cc_mujoco.human._motion import Motion, Trajectory
 from cc_mujoco.human._pace import Real
 from cc_mujoco.human._perturbed import Disturbed
 from cc_mujoco.human._recorded import Recorded, match_joints, no_column, read_trajectory
 from cc_mujoco.human._scripted import TRAJECTORIES, Walk
 from cc_mujoco.human._tasks import TASKS, Task
+from cc_mujoco.native import FloatArray as Array
 
 Entry = TypeVar("Entry")
 

@@ -24,12 +24,10 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_bounds, require_parameter
 from cc_mujoco.errors import CableError
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 
 @dataclass(frozen=True, eq=False)

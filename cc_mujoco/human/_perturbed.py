@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cc_mujoco._validation import bounded, require_bounds, require_parameter
-from cc_mujoco.human._motion import Array, Motion, Trajectory
+from cc_mujoco.human._motion import Motion, Trajectory
+from cc_mujoco.native import FloatArray as Array
 
 
 @dataclass(frozen=True)

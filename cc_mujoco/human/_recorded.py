@@ -21,13 +21,8 @@ from cc_mujoco._utils import tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._gait import SIDES
-from cc_mujoco.human._motion import (
-    Array,
-    Motion,
-    Trajectory,
-    episode_fraction,
-    pointwise,
-)
+from cc_mujoco.human._motion import Motion, Trajectory, episode_fraction, pointwise
+from cc_mujoco.native import FloatArray as Array
 
 Words = tuple[str, ...]
 Entry = TypeVar("Entry")

@@ -19,7 +19,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import (
-    Array,
     Motion,
     Scripted,
     cycle_fraction,
@@ -28,6 +27,7 @@ from cc_mujoco.human._motion import (
     pointwise,
 )
 from cc_mujoco.human._pace import MEASURED_SPEED, SCENE_WEARER, Body, Pace
+from cc_mujoco.native import FloatArray as Array
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._gait import Harmonics
-from cc_mujoco.human._motion import Array
+from cc_mujoco.native import FloatArray as Array
 
 WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")

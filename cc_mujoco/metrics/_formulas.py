@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.metrics._metric import (
-    Array,
     Key,
     LogLike,
     driven_cables,
     metadata_constant,
     rms,
 )
+from cc_mujoco.native import FloatArray as Array
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 
-Array = NDArray[np.float64]
 Better = Literal["low", "high", ""]
 Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
 """Episode that a metric is computed from; the last is none, but the parts alone."""

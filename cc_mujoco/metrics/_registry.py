@@ -29,7 +29,6 @@ from cc_mujoco.human import Pace
 from cc_mujoco.human._gait import GAIT_MOMENTS, GaitJoint
 from cc_mujoco.metrics import _formulas as torque
 from cc_mujoco.metrics._metric import (
-    Array,
     Better,
     Key,
     LogLike,
@@ -40,6 +39,7 @@ from cc_mujoco.metrics._metric import (
     peak,
     rms,
 )
+from cc_mujoco.native import FloatArray as Array
 
 ANKLE = GaitJoint("ankle", "ankle")
 """Joint whose strides are measured where the metadata name none."""

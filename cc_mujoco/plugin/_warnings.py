@@ -594,12 +594,7 @@ def velocity(data: MjData, block: Block, part: int) -> float:
 
 @internal
 def warn_jump(
-    model: MjModel,
-    data: MjData,
-    instance: int,
-    state: int,
-    ends: Pair,
-    stage: int,
+    model: MjModel, data: MjData, instance: int, state: int, ends: Pair, stage: int
 ) -> None:
     """Warn, once, if an end or the path has jumped since the committed state.
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from cc_mujoco.cable._cable import BREAK_AWAY, TERMS
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_record import Physics
-from cc_mujoco.device._model import Array, DeviceModel, physics_of
+from cc_mujoco.device._model import DeviceModel, physics_of
 from cc_mujoco.device._variables import split
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.simulation._batch import Mask
 from cc_mujoco.simulation._reference_motion import Script

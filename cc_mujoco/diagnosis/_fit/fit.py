@@ -30,11 +30,7 @@ from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
-from cc_mujoco.diagnosis._fit.problem import (
-    CrossValidation,
-    Problem,
-    TorqueDerivatives,
-)
+from cc_mujoco.diagnosis._fit.problem import CrossValidation, Problem, TorqueDerivatives
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
 from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Arrays, Filtering, Record, prepare

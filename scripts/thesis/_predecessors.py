@@ -17,11 +17,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from cc_mujoco.cable import Cable, rest_state
-from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.cable._conduit import node_lengths, packed_parameters
-from cc_mujoco.cable._layout import tensions
+from cc_mujoco.cable import Cable, Conduit, Section, replay
+from cc_mujoco.cable._conduit import node_lengths
 from cc_mujoco.estimation._tracks import wrap_angles
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
@@ -180,33 +177,26 @@ class Distributed(PublishedModel):
     name = "this package"
 
     def answer(self, motion: Motion) -> Answer:
-        cable = self.cable
-        out = np.empty((3, motion.proximal.size))
-        # Arms of one, so that an angle is a displacement, a torque a tension.
-        cables = stepper.make_cables((cable,), (1.0,), (-1.0,))
-        values, sections = np.array(cable.scalars), np.array(cable.conduit, float)
-        n, prm, dt = cables.n[0], cables.prm[0], motion.dt
-        state = rest_state(cable, motion.profile(cable))[None]
-        new, work = state.copy(), np.empty(kernel.work_size(n))
-        moved, factor = motion.distal, motion.factor
-        bent, rest, distal = sections.copy(), max(tensions(state[0], n)[n], 0.0), 0.0
-        for row, proximal in enumerate(motion.proximal):
-            if factor is not None:
-                bent[:, 1] = sections[:, 1] / factor[row]
-                kernel.pack(values, bent, n, prm)
-                kernel.expect_change(prm)
-            if np.isinf(motion.stiffness):
-                distal = moved[row]
-                stepper.move(cables, state, proximal, -distal, dt, new, work)
-            else:
-                load = stepper.Load(rest, motion.stiffness, -np.inf, np.inf)
-                distal = -stepper.balance(
-                    cables, state, True, proximal, -distal, load, dt, new, work
-                )
-            state, new = new, state
-            tension = tensions(state[0], n)
-            out[:, row] = max(tension[0], 0.0), max(tension[n], 0.0), distal
-        return Answer(*out)
+        held = np.isinf(motion.stiffness)
+        compliance = 0.0 if held else 1.0 / motion.stiffness
+        cable = self.cable.replace(end_compliance=compliance)
+        start, distal = motion.profile(cable), motion.distal
+        if motion.factor is None:
+            found = replay(
+                cable, motion.dt, u_proximal=motion.proximal, u_distal=distal,
+                initial_tension=start,
+            )  # fmt: skip
+            near, far = found.tension_proximal, found.tension_distal
+        else:
+            conduit, rows = Conduit(cable, start), []
+            ends = zip(motion.proximal, distal, motion.factor, strict=True)
+            for proximal, place, factor in ends:
+                bends = (Section(s.length, s.radius / factor) for s in cable.conduit)
+                conduit.rebend(tuple(bends))
+                conduit.step(motion.dt, u_proximal=proximal, u_distal=place)
+                rows.append((conduit.tension_proximal, conduit.tension_distal))
+            near, far = np.array(rows).T
+        return Answer(near, far, distal if held else compliance * (start[-1] - far))
 
 
 class PassiveDistributed(PublishedModel):
@@ -355,7 +345,7 @@ class BristleChain(PublishedModel):
         if np.isfinite(load):
             spring[n] = spring[n] * load / (spring[n] + load)
         chain = _Chain(spring, start, start.copy(), np.diff(start), *np.zeros((5, n)))
-        grip = cable.friction * kernel.segment_angles(packed_parameters(cable), n)
+        grip = cable.friction * np.diff(wrap_angles(cable))
         out = np.empty((3, motion.proximal.size))
         _play_chain(
             chain, self.bristle, motion.proximal, motion.distal, load, grip,

@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable import PARAMETERS, Cable, Section, rest_state
-from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
@@ -89,33 +88,27 @@ def simulate(
 ) -> Truth:
     """Simulate a motion of a cable whose parameter `drifting` is scaled by `factor`."""
     time, proximal, distal = motion
-    n = cable.segments
     factors = np.broadcast_to(np.asarray(factor, dtype=float), time.shape)
-    values = np.array(cable.scalars)
-    place = [p.name for p in PARAMETERS].index(drifting)
-    sections = np.array(cable.conduit)
-    prm = np.empty(kernel.parameter_size(n))
-    state = rest_state(cable)
-    new, work = state.copy(), np.empty(kernel.work_size(n))
-    tension = np.empty((time.size, n + 1))
-    direction = np.empty((time.size, n), dtype=np.int8)
-    first = kernel.STATE_HEADER
-    for row in range(time.size):
-        if row % CHUNK_SIZE == 0:
-            now = values.copy()
-            now[place] *= factors[row]
-            kernel.pack(now, sections, n, prm)
-        kernel.advance(prm, n, state, proximal[row], distal[row], DT, new, work)
-        state, new = new, state
-        tension[row] = state[first : first + n + 1]
-        direction[row] = np.sign(state[first + n + 1 : first + 2 * n + 1])
+    tension: list[FloatArray] = [np.full((1, cable.segments + 1), cable.pretension)]
+    direction = []
+    for row in range(0, time.size, CHUNK_SIZE):
+        changed = {drifting: getattr(cable, drifting) * float(factors[row])}
+        part = slice(max(row - 1, 0), row + CHUNK_SIZE)
+        spell = replay(
+            cable.replace(**changed), DT, initial_tension=tension[-1][-1],
+            u_proximal=proximal[part], u_distal=distal[part], profile=True,
+        )  # fmt: skip
+        first = row - part.start
+        tension.append(spell.tension[first:])
+        direction.append(spell.direction[first:])
     places = np.linspace(0.0, cable.length, SENSORS)
     sensors = Sensors.at(cable, places.tolist(), noise)
-    tension = np.maximum(tension, 0.0)
     random = np.random.default_rng(seed)
-    clean = tension[:, list(sensors.nodes)]
+    nodes = np.concatenate(tension[1:])
+    clean = nodes[:, list(sensors.nodes)]
     reading = clean + noise * random.normal(size=clean.shape)
-    return Truth(time, proximal, distal, tension, direction, reading, sensors, factors)
+    slip = np.concatenate(direction)
+    return Truth(time, proximal, distal, nodes, slip, reading, sensors, factors)
 
 
 def drift(duration: float, rest: float, gain: float) -> FloatArray:

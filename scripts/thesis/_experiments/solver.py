@@ -12,11 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.cable import Cable, rest_state
-from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable import replay
 from cc_mujoco.cable._segments import Mesh
-from cc_mujoco.native import FloatArray, compiled
 from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
 from thesis._outcome import Finding, round_down_ratio
 from thesis._rig import PRINTED_CABLE
@@ -43,7 +40,16 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     at = np.arange(1, 100 * steps + 1) * DT
     proximal = drag[-1] + 0.05 * at
     distal = drag[-1] + 0.03 + 0.05 * at + 0.002 * np.sin(6.0 * at)
-    ours, ends = _time_kernel(cable, drag, proximal, distal, steps)
+    whole = np.concatenate(
+        [[drag, drag + np.minimum(drag, 0.03)], [proximal, distal]], 1
+    )
+    ours = np.inf
+    for _ in range(3):
+        begin = time.thread_time()
+        motion = replay(cable, DT, u_proximal=whole[0], u_distal=whole[1])
+        ours = min(ours, (time.thread_time() - begin) / whole.shape[1])
+    row = drag.size + steps - 1
+    ends = np.array([motion.tension_proximal[row], motion.tension_distal[row]])
     rest = cable.pretension * cable.length / cable.axial_stiffness
     measured = [
         [
@@ -73,40 +79,6 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
 def run() -> tuple[Finding, ...]:
     costs(2, steps=5, general_steps=2)  # compiles and warms up
     return _findings({n: costs(n) for n in SEGMENTS})
-
-
-@compiled
-def step_through(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal: FloatArray,
-    distal: FloatArray,
-    new: FloatArray,
-    work: FloatArray,
-) -> None:
-    for row in range(proximal.size):
-        kernel.advance(prm, n, state, proximal[row], distal[row], DT, new, work)
-        for i in range(state.size):
-            state[i] = new[i]
-
-
-def _time_kernel(
-    cable: Cable, drag: FloatArray, proximal: FloatArray, distal: FloatArray, steps: int
-) -> tuple[float, FloatArray]:
-    """Return the best time of a step of three, and the final end tensions."""
-    n, prm, state = cable.segments, packed_parameters(cable), rest_state(cable)
-    new, work = state.copy(), np.empty(kernel.work_size(n))
-    step_through(prm, n, state, drag, drag + np.minimum(drag, 0.03), new, work)
-    early = state.copy()
-    step_through(prm, n, early, proximal[:steps], distal[:steps], new, work)
-    best = np.inf
-    for _ in range(3):
-        late = state.copy()
-        begin = time.thread_time()
-        step_through(prm, n, late, proximal, distal, new, work)
-        best = min(best, (time.thread_time() - begin) / proximal.size)
-    return best, early[[kernel.STATE_HEADER, kernel.STATE_HEADER + n]]
 
 
 def _findings(found: dict[int, Costs]) -> tuple[Finding, ...]:

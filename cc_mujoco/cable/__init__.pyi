@@ -15,3 +15,5 @@ from ._pulleys import Driven as Driven
 from ._pulleys import Transmission as Transmission
 from ._sensitivity import Derivatives as Derivatives
 from ._sensitivity import sensitivity as sensitivity
+from ._soft_end import SoftEnd as SoftEnd
+from ._soft_end import fit_soft_end as fit_soft_end

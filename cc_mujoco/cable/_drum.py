@@ -34,7 +34,7 @@ _MOUNTED, _OWED, _BOTTOM = 0, 1, 2
 which left beyond what the layers gave [m], and the first layer, stretched and
 unstretched length [m]. Empty layers are the last."""
 _TOP = _BOTTOM + 2 * (at.DRUM_LAYERS - 1)
-_ROUNDING = 1e-12
+_EMPTY_LAYER = 1e-12
 """Largest length of a layer that counts as rounding [m]."""
 _NO_FLOW = 1e-30
 """Smallest length that counts as motion of a drum [m]."""
@@ -156,7 +156,7 @@ def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> 
         if left > 0.0 and drum[k] > 0.0:
             part, amount = left, left * (drum[k + 1] / drum[k])
             own = drum[k] / drum[k + 1]
-            if left >= drum[k] - _ROUNDING:
+            if left >= drum[k] - _EMPTY_LAYER:
                 part, amount = drum[k], drum[k + 1]
                 drum[k] = drum[k + 1] = 0.0
             else:

@@ -96,6 +96,7 @@ def known_values(
     kinds = {"proximal_kind": kernel.POSITION, "distal_kind": kernel.POSITION}
     names = ("LIMIT_TOLERANCE", "PATH_TOLERANCE", "_ROUNDING")
     rounding = {**dict.fromkeys(names, 1e-6), "_MIN_ARC_ANGLE": -1e-2}
+    rounding["_EMPTY_LAYER"] = 1e-9
     return Known(packed, kinds, rounding if single else {})
 
 

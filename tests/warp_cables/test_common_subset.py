@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +37,16 @@ def test_every_function_is_in_the_subset():
         "_path_geometry.arc", "_open_path.lengthen", "_moving_path.carry",
     ):  # fmt: skip
         assert needed in names
+
+
+def test_a_tolerance_for_single_precision_is_that_of_one_module():
+    """Constants go by name: a namesake elsewhere would get the tolerance too."""
+    own = [m for name, m in sys.modules.items() if name.startswith("cc_mujoco.cable.")]
+    for name in known_values(frozenset(), False, True).constants:
+        values = [getattr(m, name) for m in own if hasattr(m, name)]
+        written = [m for m in own if f"\n{name} = " in Path(m.__file__).read_text()]
+        assert len(written) == 1, name
+        assert set(values) == {getattr(written[0], name)}
 
 
 ENDS = ("end", "proximal")

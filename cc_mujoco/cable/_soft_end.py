@@ -1,0 +1,108 @@
+"""Springs that hold the ends of a cable, from a measured curve of force over extension.
+
+    soft = fit_soft_end(extension, force, unloading=(back, force_back))
+    cable.replace(end_compliance=soft.compliance, end_hardening=soft.hardening,
+                  end_loss=soft.loss)
+
+The law is that of `_elasticity.py`: extension = C ln(1 + h T) / h in loading from no
+force, C T where h is 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco._utils.arguments import numbers
+from cc_mujoco.cable._cable import PARAMETERS
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
+
+_BOUNDS = {p.name: p for p in PARAMETERS}
+
+
+class SoftEnd(NamedTuple):
+    """Parameters of a spring at an end of a cable, and how well they fit a table."""
+
+    compliance: float  # at no tension [m/N]
+    hardening: float  # [1/N], 0 where the spring is linear
+    loss: float  # share of the work of loading
+    residual: float  # largest error of an extension, by the range of the table
+
+
+def fit_soft_end(
+    extension: ArrayLike,
+    force: ArrayLike,
+    *,
+    unloading: tuple[ArrayLike, ArrayLike] | None = None,
+    tolerance: float = 0.05,
+) -> SoftEnd:
+    """Fit the spring at an end of a cable to a measured loading curve.
+
+    Args:
+        extension: extensions (k,) [m], rising, from any zero; at least 4.
+        force: forces (k,) [N], rising; the first is that at which loading began.
+        unloading: extensions and forces [N] of the way back from the last point to no
+            force, falling, of which `loss` is found; loading must begin at none, too.
+        tolerance: largest `residual` that is accepted.
+
+    Raises:
+        CableError: not such curves, a curve that is not of this form, or parameters
+            beyond the ranges of a `Cable`.
+    """
+    stretch, pull = _rising("loading", extension, force, 1.0)
+    stretch = stretch - stretch[0]
+    hardening, residual, compliance = 0.0, np.inf, 0.0
+    near, far = 1e-6, 1e4  # bounds of h times the largest force
+    for _ in range(5):
+        for x in np.geomspace(near, far, 61):
+            h = x / pull[-1]
+            shape = np.log1p(h * (pull - pull[0]) / (1.0 + h * pull[0])) / h
+            scale = float(shape @ stretch / (shape @ shape))
+            error = float(np.abs(scale * shape - stretch).max() / stretch[-1])
+            if error < residual:
+                hardening, residual, compliance = h, error, scale
+        step = (far / near) ** (1.0 / 30.0)
+        near, far = hardening * pull[-1] / step, hardening * pull[-1] * step
+    if hardening * pull[-1] < 1e-4:  # as linear as any table can show
+        hardening = 0.0
+    if residual > tolerance:
+        raise CableError(
+            f"the loading curve is up to {residual:.2g} of its range off C ln(1 + h T) "
+            f"/ h; no spring of a cable is within {tolerance:g} of it"
+        )
+    loss = 0.0
+    if unloading is not None:
+        back, eased = _rising("unloading", *unloading, -1.0)
+        if max(pull[0], eased[0]) > 1e-2 * pull[-1]:
+            raise CableError(
+                "a loss is that of a loop from no force; the curves begin and end at "
+                f"{pull[0]:g} N and {eased[0]:g} N"
+            )
+        loss = 1.0 - float(np.trapezoid(eased, back) / np.trapezoid(pull, stretch))
+    found = SoftEnd(compliance, hardening, loss, residual)
+    for name, value in zip(("compliance", "hardening", "loss"), found, strict=False):
+        bounds = _BOUNDS[f"end_{name}"]
+        if not bounds.admits(value):
+            raise CableError(f"the {name} is {value:.3g}; it must be {bounds.allowed}")
+    return found
+
+
+def _rising(
+    what: str, extension: ArrayLike, force: ArrayLike, way: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return a curve in the order in which it rises; `way` is -1 where it falls."""
+    up, pull = numbers("extension", extension), numbers("force", force)
+    if up.ndim != 1 or up.shape != pull.shape or up.size < 4:
+        raise CableError(f"a {what} curve is two arrays of 4 or more numbers each")
+    up, pull = up[:: int(way)], pull[:: int(way)]
+    if np.any(np.diff(up) <= 0.0) or np.any(np.diff(pull) < 0.0) or not 0 <= pull[0]:
+        raise CableError(
+            f"extension and force of a {what} curve must "
+            f"{'rise' if way > 0.0 else 'fall'} together, with no force below 0"
+        )
+    if pull[-1] == pull[0]:
+        raise CableError(f"the {what} curve has one force, {pull[0]:g} N")
+    return up, pull

@@ -373,6 +373,8 @@ def test_list_takes_a_part_of_a_name_or_of_a_meaning_or_a_device(
     assert "kinetic Coulomb coefficient" in capsys.readouterr().out
     assert cli.main(["list", "wrist"]) == 0
     assert "cables of wrist" in capsys.readouterr().out
+    assert cli.main(["list", "rig.toml"]) == 0
+    assert 'scene = "bench"' in capsys.readouterr().out
     assert cli.main(["list", "dataset.toml"]) == 0
     assert "[trials.run_7]" in capsys.readouterr().out
     assert cli.main(["list", "efects"]) == 2

@@ -32,8 +32,8 @@ class Listing:
         tyro.conf.arg(metavar="[WORD]", help_behavior_hint=""),
     ] = ""
     """A group such as effects, a device, whose axes, cables and joints are shown,
-    dataset.toml, of which an example with every key is shown, or a part of a name or a
-    word of its meaning."""
+    dataset.toml or rig.toml, of which an example with every key is shown, or a part of
+    a name or a word of its meaning."""
 
     def run(self) -> None:
         from cc_mujoco.native import _library as native_library
@@ -41,12 +41,10 @@ class Listing:
         if not native_library.is_at_hand():
             native_library.do_without()  # before anything imports MuJoCo
         from cc_mujoco.assets import SCENES
-        from cc_mujoco.datasets._columns import DATASET_FILE
 
-        if self.word == DATASET_FILE:
-            from cc_mujoco import datasets
-
-            example = Path(str(datasets.__file__)).with_name(DATASET_FILE)
+        examples = {"dataset.toml": "datasets", "rig.toml": "hardware"}
+        if folder := examples.get(self.word):
+            example = Path(__file__).parents[1] / folder / self.word
             print(example.read_text(encoding="utf-8"))
             return
         from cc_mujoco.device import find_device

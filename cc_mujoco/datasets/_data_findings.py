@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal, NamedTuple
 
 Severity = Literal["error", "warning", "doubt"]
@@ -20,19 +21,9 @@ class DataFinding(NamedTuple):
     channel: str = ""
 
 
-def error(statement: str, trial: str = "", channel: str = "") -> DataFinding:
-    """Return a finding that must be corrected before a diagnosis."""
-    return DataFinding("error", statement, trial, channel)
-
-
-def warning(statement: str, trial: str = "", channel: str = "") -> DataFinding:
-    """Return a finding that does not prevent a diagnosis."""
-    return DataFinding("warning", statement, trial, channel)
-
-
-def doubt(statement: str, trial: str = "", channel: str = "") -> DataFinding:
-    """Return a finding that puts the conclusions from the data in doubt."""
-    return DataFinding("doubt", statement, trial, channel)
+error = partial(DataFinding, "error")
+warning = partial(DataFinding, "warning")
+doubt = partial(DataFinding, "doubt")
 
 
 def errors(findings: list[DataFinding]) -> list[DataFinding]:

@@ -3,67 +3,7 @@
     axes = RigAxes(read_axes("rig.toml"))
     law = axes.controller("pi")
 
-scene = "bench"                 # model of the controller: a name or an MJCF file
-# axis = "knee"                 # axis that the rig drives, if the scene has several;
-                                # for more than one see `[axes.NAME]` below
-period = 0.002                  # s, 0.0005 to 0.002
-# motor_lag = 0.003             # s, time constant of the torque; the scene's by default
-
-[rig]
-address = "192.168.7.2:5005"    # of a rig behind UDP
-# address = "can:can0"          # or on CAN FD: the channel, and by default
-# interface = "socketcan"       # of python-can
-# command_id = 0x110            # above 0x7ff: 29 bits
-# reading_id = 0x111
-# bus = {}                      # other options of the interface: data_bitrate, ...
-# address = "odrive:can0"       # or a drive (also moteus:can0, dynamixel:/dev/ttyUSB0),
-# node = 0                      # its number,
-# gear = 1.0                    # turns of its encoder per turn of the motor,
-# zero = 0.0                    # rad, angle of the motor at encoder angle 0,
-# joint = { address = "192.168.7.2:5005" }    # and a rig that measures the joint
-# class = "my_rig:Rig"          # or a class of your own, made with the other keys
-
-[limits]                        # the first four must be given
-torque = 2.0                    # N m, of the motor
-torque_rate = 40.0              # N m/s
-motor_speed = 30.0              # rad/s
-joint_range = [-1.0, 1.0]       # rad
-joint_torque = 8.0              # N m; no limit unless given
-tension = 200.0                 # N, estimated by the model; no limit unless given
-soft_start = 1.0                # s
-stop_time = 0.1                 # s
-
-[watchdog]                      # consecutive cycles, see `Watchdog`
-missed_readings = 10
-missed_deadlines = 10
-frozen_readings = 20
-frozen_torque = 0.2             # of the torque's limit
-frozen_angle = 0.2              # rad
-twist = 0.5                     # rad
-
-[task]                          # desired torque at the joint, one of
-torque = 0.5                    # N m, constant
-# csv = "torque.csv"            # columns time_s and torque_nm, linear between
-# name = "spring"               # task of `cc-mujoco play`, by the joint's motion
-# trajectory = "sine"           # torque with the course of a trajectory, and its
-# amplitude = 0.5               # amplitude, N m
-
-[servo]                         # gains in trials of a plan; by default they follow
-# stiffness = 50.0              # N m/rad, from the motor's inertia, see `Stiffness`
-# damping = 0.15                # N m s/rad
-# integral = 4000.0             # N m/(rad s)
-
-# [axes.hip]                    # instead of `axis`: one table for each axis;
-# motor_lag = 0.004             # keys that it lacks are those above, one by one,
-# [axes.hip.rig]                # except for a task, which is replaced as a whole
-# command_id = 0x120
-# reading_id = 0x121
-# [axes.hip.limits]
-# torque = 6.0
-# [axes.hip.task]
-# name = "spring"
-# [axes.ankle]
-# driven = false                # no rig drives this one; its other keys have no effect
+`rig.toml` beside this module is an example with every key.
 """
 
 from __future__ import annotations

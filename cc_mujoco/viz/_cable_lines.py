@@ -74,12 +74,8 @@ class CableLine:
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
-        points = np.empty((len(qpos), len(self.fine), 3))
-        data = mujoco.MjData(model)
-        for frame, coordinates in enumerate(qpos):
-            scene3d.set_pose(model, data, coordinates)
-            points[frame] = self.points(model, data)
-        return points
+        each = [self.points(model, data) for data in scene3d.posed(model, qpos)]
+        return np.reshape(each, (len(qpos), len(self.fine), 3))
 
     def nodes(self, count: int) -> Array:
         """Return the node (with fractions) at each point (P,), of `count` nodes."""

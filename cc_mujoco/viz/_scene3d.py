@@ -89,16 +89,19 @@ def set_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array) -> None:
     mujoco.mj_tendon(model, data)
 
 
+def posed(model: mujoco.MjModel, qpos: Array) -> Iterator[mujoco.MjData]:
+    """Yield the same data in each of the poses `qpos` (T, nq), see `set_pose`."""
+    data = mujoco.MjData(model)
+    for coordinates in qpos:
+        set_pose(model, data, coordinates)
+        yield data
+
+
 def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
     """Return body positions (T, nbody, 3) [m] and quaternions (T, nbody, 4)."""
-    position = np.empty((len(qpos), model.nbody, 3))
-    quaternion = np.empty((len(qpos), model.nbody, 4))
-    data = mujoco.MjData(model)
-    for frame, coordinates in enumerate(qpos):
-        data.qpos[:] = coordinates
-        mujoco.mj_kinematics(model, data)
-        position[frame], quaternion[frame] = data.xpos, data.xquat
-    return position, quaternion
+    each = [np.hstack([data.xpos, data.xquat]) for data in posed(model, qpos)]
+    poses = np.reshape(each, (len(qpos), model.nbody, 7))
+    return poses[..., :3], poses[..., 3:]
 
 
 def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
@@ -260,12 +263,8 @@ def tendon_paths(
     model: mujoco.MjModel, tendon: int, qpos: Array
 ) -> list[NDArray[np.float32]]:
     """Return a tendon's points (P, 3) [m] in every pose of `qpos` (T, nq)."""
-    data = mujoco.MjData(model)
-    paths = []
-    for coordinates in qpos:
-        set_pose(model, data, coordinates)
-        paths.append(tendon_points(data, tendon).astype(np.float32))
-    return paths
+    each = (tendon_points(data, tendon) for data in posed(model, qpos))
+    return [points.astype(np.float32) for points in each]
 
 
 def tendon_points(data: mujoco.MjData, tendon: int) -> Array:

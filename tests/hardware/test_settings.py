@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from cc_mujoco import hardware
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
 from cc_mujoco.device import Drive
@@ -20,7 +22,9 @@ from cc_mujoco.hardware import (
     Rig,
     Stiffness,
     TorqueTable,
+    Watchdog,
     drive_of,
+    read_axes,
     read_settings,
 )
 from cc_mujoco.human import TRAJECTORIES
@@ -48,6 +52,19 @@ class Own:
 
 class Half:
     """Lacks all that a rig has."""
+
+
+def test_the_example_has_every_key_and_the_defaults() -> None:
+    path = Path(hardware.__file__).with_name("rig.toml")
+    (found,) = read_axes(path)
+    text = path.read_text(encoding="utf-8")
+    for kind in (Limits, Watchdog, Stiffness):
+        for key in fields(kind):
+            assert re.search(rf"^(# )?{key.name} = ", text, re.MULTILINE), key.name
+    assert found.watchdog == Watchdog()
+    for key in fields(Limits):
+        if key.name in ("soft_start", "stop_time"):
+            assert getattr(found.limits, key.name) == key.default
 
 
 def written(folder: Path, text: str) -> Path:

@@ -26,7 +26,7 @@ from cc_mujoco.device import MEASURED_COLUMNS, TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError, CableWarning
 from control.devices import growth, pull_pull, single, there_and_back
 from study_marks import study_but
-from thesis._inertia_free import InertiaFree
+from thesis._experiments.simulations import InertiaFree
 
 
 def errors(drive: Drive, law: Controller, angle: Any, desired: Any) -> Any:

@@ -14,7 +14,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import FrictionEstimator
 from cc_mujoco.estimation._tracks import wrap_angles
 from estimation.runs import CABLE, DT, moving_runs, strokes
-from thesis.estimators._parameters import BendEstimator, StiffnessEstimator
+from thesis._experiments.online import BendEstimator, StiffnessEstimator
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 OF_SLOPE = {

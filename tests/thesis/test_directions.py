@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from thesis._directions import CONDITIONS
 from thesis._experiments import directions
-from thesis.estimators._directions import CONDITIONS
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

@@ -11,7 +11,7 @@ import pytest
 from cc_mujoco.cable import Transmission
 from cc_mujoco.control import Controller, ProportionalIntegral
 from thesis._experiments import simulations
-from thesis._inertia_free import InertiaFree
+from thesis._experiments.simulations import InertiaFree
 
 
 class Given(Controller):

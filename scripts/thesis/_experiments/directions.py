@@ -21,9 +21,9 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
+from thesis import _directions as directions
 from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators import _directions as directions
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)

@@ -11,8 +11,7 @@ from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
-from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis.estimators._directions import (
+from thesis._directions import (
     CONDITIONS,
     Moment,
     SensorConsensus,
@@ -24,6 +23,7 @@ from thesis.estimators._directions import (
     own_solutions,
     sensor_votes,
 )
+from thesis._literal_solver import Constraint, sign_patterns, solve
 
 CABLE = Cable(friction=0.1, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)

@@ -8,7 +8,7 @@ import pytest
 from cc_mujoco.cable import Section
 from cc_mujoco.device import Sensors
 from estimation.runs import CABLE, Run, drifting, played, rms, strokes
-from thesis.estimators._parameters import BendEstimator
+from thesis._experiments.online import BendEstimator
 
 MIDDLE = (np.arange(20) + 0.5) / 20
 CURVATURE = 3.5 * (1.0 + 0.6 * np.cos(2.0 * np.pi * MIDDLE))

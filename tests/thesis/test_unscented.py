@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
-from thesis.estimators._unscented import follow_parameters, linearize, sigma_points
+from thesis._unscented import follow_parameters, linearize, sigma_points
 
 NAMES = ("friction", "axial_stiffness", "pretension")
 WRONG = CABLE.replace(friction=0.42, axial_stiffness=6000.0, pretension=30.0)

@@ -7,7 +7,7 @@ import pytest
 
 from cc_mujoco.device import Sensors
 from estimation.runs import CABLE, Run, played, strokes
-from thesis.estimators._parameters import slope_law
+from thesis._experiments.online import slope_law
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 MU = CABLE.friction

@@ -9,7 +9,7 @@ from cc_mujoco.cable import Cable, Section
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
-from thesis.estimators._sensor_noise import (
+from thesis._experiments.noise import (
     LinearModel,
     SensorNoise,
     autocovariance_least_squares,

@@ -8,7 +8,7 @@ import pytest
 from cc_mujoco.device import Sensors
 from cc_mujoco.estimation import EstimateTrack
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
-from thesis.estimators._parameters import StiffnessEstimator
+from thesis._experiments.online import StiffnessEstimator
 
 FINE = CABLE.replace(segments=40, pretension=20.0)
 EVERY = Sensors.everywhere(FINE, 1.0)

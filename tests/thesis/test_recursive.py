@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.estimation._recursive import RecursiveEstimate
-from thesis.estimators._parameters import RecursiveLeastSquares
+from thesis._experiments.online import RecursiveLeastSquares
 
 
 def test_endless_memory_is_bayesian_least_squares() -> None:

@@ -1,1 +1,0 @@
-"""Estimators of the thesis, chapter 3, beyond those of `cc_mujoco.estimation`."""

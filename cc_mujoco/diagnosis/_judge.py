@@ -609,6 +609,9 @@ def _verdict(
             f"noise floor.{_HINT_CAVEAT}"
         )
     tied = {name for tie in found.ties for name in tie}
+    for name in sorted({*missing, *tied}):
+        if name in EFFECTS and EFFECTS[name].other_cause:
+            model += f" {capitalise(effect_name(name))}: {EFFECTS[name].other_cause}"
     if tied:
         sure = [name for name in missing if name not in tied]
         groups = [effect_names(sure)] if sure else []

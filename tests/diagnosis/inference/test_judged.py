@@ -95,6 +95,18 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
         assert "none of the effects" not in statement
 
 
+def test_a_cable_that_stiffens_may_be_one_with_clearance() -> None:
+    """Both have one law, so the statement says what tells them apart."""
+    name = "cable_stiffening"
+    for rivals in ((name,), ("end_compliance", name)):
+        found = outcome(rivals[:1], CLOSED, (rivals,) if len(rivals) > 1 else ())
+        said = verdict(search(3.0, 1.0), found)[1]
+        assert "so does clearance" in said and "Photographs of a bend" in said
+        assert "shrink with more pretension, backlash does not" in said
+    plain = verdict(search(3.0, 1.0), outcome(("end_compliance",), CLOSED))[1]
+    assert "clearance" not in plain
+
+
 def test_of_two_rivals_that_were_added_either_may_be_the_one_that_stayed() -> None:
     one, other = ALIKE
     before: Any = SimpleNamespace()

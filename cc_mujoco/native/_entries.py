@@ -19,7 +19,7 @@ from cc_mujoco.native._kinds import (
     holds_array,
 )
 
-MOST_PARTS = 128
+MOST_PARTS = 160
 """Most arrays, numbers and fields of tuples of a call; see `python_calls.h`."""
 
 

@@ -68,7 +68,7 @@ CC_INLINE bool cc_interrupted(int64_t step)
     return raised;
 }
 
-enum { CC_MOST_PARTS = 128 };
+enum { CC_MOST_PARTS = 160 };
 
 /* A number of an argument or a result: an array is its address and its sizes. */
 typedef union {

@@ -1,10 +1,10 @@
 """Sessions of rigs that hide a rare effect, and of a clean one.
 
 The rig shares no code with the package (`rig/`). A drum whose radius grows, a conduit
-that creeps in its clamp and friction that differs between trials are simulated by it.
-Everything else is what a rig without the effect shows, with one exact change of the
-recorded signals: a stop or a neighbour between transmission and sensor, sensors that
-show each other, a joint on a cam.
+that creeps in its clamp, textile at the joint and friction that differs between trials
+are simulated by it. Everything else is what a rig without the effect shows, with one
+exact change of the recorded signals: a stop or a neighbour between transmission and
+sensor, sensors that show each other, a joint on a cam.
 """
 
 from __future__ import annotations
@@ -54,6 +54,10 @@ def _drum(rig: Rig, amount: float) -> Session:
 def _clamp(rig: Rig, amount: float) -> Session:
     values = {"clamp_creep": amount, "clamp_force": 1.5 * rig.pretension}
     return _simulated(rig, lambda k: (rig, values))
+
+
+def _textile(rig: Rig, amount: float) -> Session:
+    return _simulated(rig, lambda k: (rig, {"textile": amount}))
 
 
 def _order(rig: Rig, amount: float) -> Session:
@@ -136,6 +140,7 @@ def _clean(rig: Rig, amount: float) -> Session:
 
 SESSIONS: dict[str, tuple[Callable[[Rig, float], Session], float]] = {
     "clamp_creep": (_clamp, 2e-5),
+    "soft_anchor": (_textile, 8e-5),
     "drum_winding": (_drum, 0.03),
     "upper_joint_stop": (_stop(1.0), 3.0),
     "lower_joint_stop": (_stop(-1.0), 3.0),

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
-from rig import engine
+from rig import engine, soft_anchor
 from rig.nominal import Rig
 
 STRAND_TIME = 1.5e-5  # Kelvin-Voigt damping of the strand over its stiffness [s]
@@ -34,6 +34,7 @@ HEAT = 8.0  # work of friction that warms a cable [J]
 COOLING_TIME = 12.0  # [s]
 BUMP_WIDTH = 0.004  # [m]
 BEDDING = 40.0  # tension over which a strand beds in [N]
+FABRIC = 4  # place in `Cables.work`
 
 
 class Plant(NamedTuple):
@@ -77,6 +78,8 @@ class Plant(NamedTuple):
     """Speed at which a conduit slides in its clamp at the joint, per tension above
     `clamp_force` [m/(N s)]."""
     clamp_force: float = 0.0
+    textile: float = 0.0
+    """Compliance of the slack textile between cables and joint [m/N]."""
 
 
 def plant_of(rig: Rig, nodes: int = 12) -> Plant:
@@ -105,7 +108,8 @@ class Cables(NamedTuple):
     seal: FloatArray  # load-independent friction (nodes,) [N]
     work: FloatMatrix
     """Friction and damping work of each cable since the start [J], friction work stored
-    as heat over `HEAT`, and friction work already converted into it [J] (2, 4)."""
+    as heat over `HEAT`, and friction work already converted into it [J]; from `FABRIC`
+    on the state of the textile, see `soft_anchor` (2, ...)."""
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -121,11 +125,12 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
     k = np.full((2, n + 1), inner)  # the end segments are half as long
     k[:, 0] = 1.0 / (0.5 / inner + 0.3 * p.end_compliance)
     k[:, n] = 1.0 / (0.5 / inner + 0.7 * p.end_compliance)
+    fabric = soft_anchor.fabric(p.textile, pretension)
     cables = Cables(*(np.zeros((2, n)) for _ in Cables._fields))
     return cables._replace(
         place=np.repeat(np.array(arcs)[:, None], n, axis=1),
         load=np.full((2, n), pretension), stiffness=k, seal=seal,
-        work=np.zeros((2, 4)),
+        work=np.hstack([np.zeros((2, FABRIC)), fabric]),
     )  # fmt: skip
 
 
@@ -268,6 +273,11 @@ def step(
         if h != 0.0:
             bedded = _bedded(laid + k * (near - here), h, BEDDING)
             elastic = TENSION + bedded
+        if i == n and p.textile != 0.0:
+            fabric = cables.work[c][FABRIC:]
+            whole = rest / k + near - here + fabric[soft_anchor.AT_REST]
+            elastic, k, given = soft_anchor.series(p.textile, fabric, k, whole)
+            soft_anchor.slide(p.textile, fabric, given)
         rate = near_speed - here_speed
         tension = elastic + STRAND_TIME * k * rate
         if tension <= 0.0:

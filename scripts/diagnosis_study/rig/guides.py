@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
-from rig import engine
+from rig import engine, soft_anchor
 from rig.engine import copy, row_of, solve, total
 from rig.nominal import Rig
 
@@ -62,6 +62,7 @@ class Plant(NamedTuple):
     # --- elasticity ----------------------------------------------------------
     sag: float = 0.0  # stretch of a cable from slack to taut [m]
     anchor: float = 0.0  # compliance of the anchorage at the joint, one cable [m/N]
+    textile: float = 0.0  # compliance of slack textile between cables and joint [m/N]
 
     # --- what no library should know ----------------------------------------------
     notches: float = 0.0  # force of a notched ring near the middle of cable a [N]
@@ -116,7 +117,7 @@ class Cables(NamedTuple):
     rest: FloatMatrix  # growth of the bonds, 0 to 1 (2, guides)
     travel: FloatArray  # mean travel of the cable since the start (2,) [m]
     tension: FloatMatrix  # tension of every piece (2, guides + 1) [N]
-    stretch: FloatArray  # elongation of the anchorage at the joint (2,) [m]
+    stretch: FloatMatrix  # state of what holds the ends, see `soft_anchor` (2, ...) [m]
     snapped: FloatArray  # 1 where the conduit has given way, else 0 (2,)
     work: FloatArray  # work of friction and dampers (2,) [J]
     room: FloatMatrix  # work space (10, guides + 1), see `engine.Row`
@@ -127,9 +128,11 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
     guides = p.bend.shape[1]
     place = np.repeat(np.array(arcs)[:, None], guides, axis=1)
     stuck = np.repeat(place[:, :, None], SHARES.size, axis=2)
+    stretch = soft_anchor.fabric(p.textile, pretension)
+    stretch[:, soft_anchor.NOW] += pretension * p.anchor
     return Cables(
         place, stuck, np.zeros((2, guides)), np.zeros((2, guides)), np.zeros(2),
-        np.full((2, guides + 1), pretension), np.full(2, pretension * p.anchor),
+        np.full((2, guides + 1), pretension), stretch,
         np.zeros(2), np.zeros(2), np.zeros((10, guides + 1)),
     )  # fmt: skip
 
@@ -184,7 +187,7 @@ def _balance(
     slope, left, force = row.slope, row.left, row.force
     other = total(cables.tension[1 - c]) / (guides + 1)
     anchor = p.anchor
-    stretched = cables.stretch[c]
+    stretched = cables.stretch[c, soft_anchor.NOW]
     for i in range(guides + 1):
         ahead = near if i == 0 else place[i - 1]
         behind = far if i == guides else place[i]
@@ -195,11 +198,17 @@ def _balance(
             # A spring with a damper in it, in series with the last piece.
             given = dt / (dt + ANCHOR_TIME)
             k_anchor = 1.0 / (anchor * given)
-            start_ = cables.stretch[c] * (1.0 - given)
+            start_ = cables.stretch[c, soft_anchor.NOW] * (1.0 - given)
             x = ahead - behind + rest + tight * anchor - start_
             k = k * k_anchor / (k + k_anchor)
             tension[i], slope[i] = pull(k, x, sag)
             stretched = start_ + tension[i] / k_anchor
+        elif i == guides and p.textile != 0.0:
+            fabric = cables.stretch[c]
+            x = ahead - behind + rest + fabric[soft_anchor.AT_REST]
+            tension[i], slope[i], stretched = soft_anchor.series(
+                p.textile, fabric, k, x
+            )
         else:
             tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
     worst = 0.0
@@ -316,7 +325,9 @@ def settle(
     if not worst < 1e-3 * TENSION:  # it has failed
         stretched = _crept(p, cables, c, ends, dt)
     if p.anchor != 0.0:
-        cables.stretch[c] = stretched
+        cables.stretch[c, soft_anchor.NOW] = stretched
+    if p.textile != 0.0:
+        soft_anchor.slide(p.textile, cables.stretch[c], stretched)
     way = 0.0
     mix = dt / (0.01 + dt)
     for i in range(guides):

@@ -6,6 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, TypeVar, cast
 
 Entry = TypeVar("Entry")
@@ -95,6 +96,18 @@ def require_utf8(text: str) -> None:
         text.encode()
     except UnicodeEncodeError:
         raise CableError(f"{text!a} is no UTF-8 text; rename what it names.") from None
+
+
+def import_extra(module: str, what: str, extra: str) -> Any:
+    """Return a module of a package that only an extra of this one installs.
+
+    Raises:
+        CableError: It is missing; begins with `what`, as "a video needs PyAV".
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise CableError(f"{what}: pip install 'cc_mujoco[{extra}]'.") from None
 
 
 def require_new_name(name: str) -> None:

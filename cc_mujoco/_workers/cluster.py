@@ -7,7 +7,6 @@ that join later are checked too. Those present are checked before the first piec
 from __future__ import annotations
 
 import asyncio
-import importlib
 import pickle
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -18,7 +17,7 @@ from typing import Any
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import code_provenance, provenance_differences
 from cc_mujoco._workers.local_executor import Job, Progress
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 
 CONNECT_TIMEOUT = 5.0  # time that a scheduler has to answer [s]
 WORKER_TIMEOUT = 60.0
@@ -42,12 +41,7 @@ def run_on_cluster(
     """
     if not worker_timeout > 0.0:
         raise CableError(f"worker timeout must be above 0 s, not {worker_timeout!r} s.")
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise CableError(
-            "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
-        ) from None
+    distributed = import_extra("distributed", "--scheduler needs Dask", "dask")
     _require_scheduler(distributed, scheduler)
     makers = pickle.dumps(job.made_by())
     pickled_job = pickle.dumps((user_code.allowed(), job))

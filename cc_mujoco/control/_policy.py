@@ -48,7 +48,7 @@ from cc_mujoco.device._observation import (
     Observed,
 )
 from cc_mujoco.device._sensors import WINDING_COLUMNS
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 from cc_mujoco.native import FloatArray as Array
 
@@ -411,12 +411,7 @@ def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> 
             `pip install 'cc_mujoco[onnx]'`.
     """
     network, observed = read_policy(policy)
-    try:
-        import onnx
-    except ImportError:
-        raise CableError(
-            "a policy as ONNX needs the package onnx: pip install 'cc_mujoco[onnx]'."
-        ) from None
+    onnx = import_extra("onnx", "a policy as ONNX needs the package onnx", "onnx")
     # Old versions of the format and of the operators, which every runtime reads.
     model = onnx.helper.make_model(
         _graph(onnx, network),

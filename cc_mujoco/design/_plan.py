@@ -51,7 +51,7 @@ from cc_mujoco.device import Axis, Description, Device, Value, load_device
 from cc_mujoco.device import _wearer_scaling as wearers
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split
-from cc_mujoco.errors import CableError, CableWarning, look_up
+from cc_mujoco.errors import CableError, CableWarning, import_extra, look_up
 from cc_mujoco.human import Task, Trajectory, Walk, trajectory
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._by_text import user_classes
@@ -256,12 +256,7 @@ def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
 
 
 def require_optuna() -> Any:
-    try:
-        import optuna
-    except ImportError:
-        raise CableError(
-            "a search needs Optuna: pip install 'cc_mujoco[search]'."
-        ) from None
+    optuna = import_extra("optuna", "a search needs Optuna", "search")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
 

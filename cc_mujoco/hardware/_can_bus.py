@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.hardware._address import MAX_SHORT_ID, CanAddress, CanPlace
 from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig, pending
 
@@ -180,15 +180,10 @@ class CanPort:
 
 def _python_can() -> ModuleType:
     """Return the module `can` with its log silenced; faults are reported as errors."""
-    try:
-        import can
-    except ImportError:
-        raise CableError(
-            "a rig on CAN needs python-can: pip install 'cc_mujoco[can]'."
-        ) from None
+    library: ModuleType = import_extra("can", "a rig on CAN needs python-can", "can")
     if not (log := logging.getLogger("can")).handlers:
         log.addHandler(logging.NullHandler())
-    return can
+    return library
 
 
 def _require_known(place: CanPlace, where: str) -> None:

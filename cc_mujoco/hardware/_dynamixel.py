@@ -20,7 +20,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, NoReturn
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.hardware._packet import Status
 from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now
 
@@ -230,14 +230,12 @@ class Dynamixel:
 
 
 def _open_port(port: str, baud_rate: int) -> serial.Serial:
+    library = import_extra("serial", "a Dynamixel servo needs pyserial", "serial")
     try:
-        import serial
-    except ImportError:
-        raise CableError(
-            "a Dynamixel servo needs pyserial: pip install 'cc_mujoco[serial]'."
-        ) from None
-    try:
-        return serial.Serial(port, baud_rate, timeout=0.0, write_timeout=0.0)
+        made: serial.Serial = library.Serial(
+            port, baud_rate, timeout=0.0, write_timeout=0.0
+        )
+        return made
     except (OSError, ValueError) as error:  # SerialException is an OSError
         text = getattr(error, "strerror", None) or str(error)
         raise CableError(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.report._figures import GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz import _film_plots as panels
@@ -227,12 +227,7 @@ def _shown(
 
 
 def _av() -> Any:
-    try:
-        import av
-    except ImportError:
-        raise CableError(
-            "a video needs PyAV: pip install 'cc_mujoco[video]'."
-        ) from None
+    av = import_extra("av", "a video needs PyAV", "video")
     if CODEC not in av.codecs_available:
         raise CableError(f"a video needs PyAV with {CODEC}, which this one lacks.")
     return av

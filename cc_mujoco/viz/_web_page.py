@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import import_extra
 from cc_mujoco.metrics import Metric
 from cc_mujoco.metrics._metric import value_text
 from cc_mujoco.report import _html as html
@@ -140,10 +140,5 @@ def _figure(panel: Panel) -> str:
 
 
 def _plotly() -> str:
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        raise CableError(
-            "a page of an episode needs plotly: pip install 'cc_mujoco[html]'."
-        ) from None
-    return str(get_plotlyjs())
+    needs = "a page of an episode needs plotly"
+    return str(import_extra("plotly.offline", needs, "html").get_plotlyjs())

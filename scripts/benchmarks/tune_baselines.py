@@ -64,14 +64,12 @@ def conditions(scene: str) -> list[Condition]:
 
 def scores(law: str, wanted: list[Condition]) -> FloatArray:
     """Return `SCORES` (2, conditions) of a baseline; infinite if an episode fails."""
-    cells = [Cell(condition, law, SEEDS) for condition in wanted]
-    found = np.empty((len(SCORES), len(cells)))
-    for group in batch_groups(cells):
+    found = np.empty((len(SCORES), len(wanted)))
+    for group in batch_groups(Cell(condition, law, SEEDS) for condition in wanted):
         for cell, played in zip(group, play_group(group), strict=True):
+            worst = [np.max(played.scores[name]) for name in SCORES]
             lost = bool(np.any(played.scores["failed"]))
-            found[:, cells.index(cell)] = [
-                np.inf if lost else np.max(played.scores[name]) for name in SCORES
-            ]
+            found[:, wanted.index(cell.condition)] = np.inf if lost else worst
     return found
 
 

@@ -25,15 +25,14 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from kept_cases import Lines, keep
+from kept_cases import complete
 from rare_effects import RARE, SESSIONS, session_of
 
 from cc_mujoco.assets import scene_path
@@ -181,7 +180,7 @@ def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
         load = "locked"
     elif planned.notes.startswith(("joint free", "joint pulled")):
         load = "free"
-    usual = NOMINAL["pretension_n"]
+    usual = NOMINAL.pretension
     return dataclasses.replace(
         asked(motor, joint, load),
         tightness=known.get("pretension", usual) / usual,
@@ -195,8 +194,9 @@ def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
     )
 
 
-def run(case: Case, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Record:
+def run(*keys: Any, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Record:
     """Generate, diagnose and record a case; with `with_bic` also name it by BIC."""
+    case = Case(*keys)
     rig = make_rig(case.seed, make=case.make)
     trials = MAKES[rig.make].trials(rig)
     recorded = f"{trials}_standard" if case.protocol == "standard" else trials
@@ -249,10 +249,7 @@ def truth_of(rig: Rig) -> dict[str, float]:
         "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
         "pretension": rig.pretension,
         # The scene's wrap is taken for granted, so friction is scaled by the rest.
-        "friction": 0.5
-        * (rig.friction_a + rig.friction_b)
-        * rig.wrap
-        / NOMINAL["wrap_angle_rad"],
+        "friction": 0.5 * (rig.friction_a + rig.friction_b) * rig.wrap / NOMINAL.wrap,
     }
 
 
@@ -591,9 +588,9 @@ def main(
         bic: name by BIC, too; a quarter longer.
         jobs: processes.
     """
-    every = dict.fromkeys(n for m in makes for n in MAKES[m].named)
-    earlier = tuple(name for name in every if name not in NEWER)
-    newer = tuple(name for name in every if name in NEWER)
+    named = dict.fromkeys(n for m in makes for n in MAKES[m].named)
+    earlier = tuple(name for name in named if name not in NEWER)
+    newer = tuple(name for name in named if name in NEWER)
     groups = {
         "static": STATIC,
         "named": earlier + newer,
@@ -605,18 +602,9 @@ def main(
         "rare": tuple(SESSIONS),
     }
     hidden = [n for name in effects for n in groups.get(name, (name,))]
-    out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(out / "cases.jsonl")
-    done = lines.done(*KEYS)
-    wanted = [
-        case
-        for case in cases(hidden, makes, strength, protocol, first, rounds)
-        if case not in done
-    ]
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        found = [pool.submit(run, case, proposals, bic) for case in wanted]
-        keep(lines, out / "table.md", (one.result() for one in as_completed(found)),
-             len(wanted), summary)  # fmt: skip
+    every = cases(hidden, makes, strength, protocol, first, rounds)
+    make = partial(run, proposals=proposals, with_bic=bic)
+    complete(out, KEYS, every, make, summary, jobs)
 
 
 if __name__ == "__main__":

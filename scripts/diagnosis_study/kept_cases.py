@@ -1,9 +1,11 @@
-"""Cases of a study kept in files, so that finished ones are not repeated."""
+"""Cases of a study kept in a file, so that finished ones are not repeated."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -15,54 +17,32 @@ from cc_mujoco._utils.command_options import progress_options
 Record = dict[str, Any]
 
 
-class Lines:
-    """Records of cases in a file of JSON lines."""
-
-    def __init__(self, path: Path) -> None:
-        """Read those that are there."""
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        self._path = path
-        self.records: list[Record] = [json.loads(line) for line in text.splitlines()]
-
-    def done(self, *keys: str) -> set[tuple[Any, ...]]:
-        """Return the values of `keys` in each record, which identify finished cases."""
-        return {tuple(record[key] for key in keys) for record in self.records}
-
-    def add(self, record: Record) -> None:
-        self.records.append(record)
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record) + "\n")
-
-
-def keep(
-    lines: Lines,
-    page: Path,
-    made: Iterable[Record],
-    count: int,
-    table: Callable[[list[Record]], str],
-) -> None:
-    """Keep `count` records as they are made; print and keep the table of all."""
-    for record in tqdm(made, total=count, unit="case", **progress_options()):
-        lines.add(record)
-        with replacing(page) as partial:
-            partial.write_text(table(lines.records), encoding="utf-8")
-    print(table(lines.records))
-
-
 def complete(
     out: Path,
     keys: tuple[str, ...],
     cases: Iterable[tuple[Any, ...]],
     make: Callable[..., Record],
     table: Callable[[list[Record]], str],
+    jobs: int = 1,
 ) -> None:
-    """Make the cases that a folder lacks; print and keep the table.
+    """Make the cases that a folder lacks, in so many processes; print the table.
 
     `keys` are the fields of a record that identify its case, in the order of `cases`.
     """
     out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(out / "cases.jsonl")
-    done = lines.done(*keys)
-    missing = [case for case in cases if case not in done]
-    made = (make(*case) for case in missing)
-    keep(lines, out / "table.md", made, len(missing), table)
+    kept = out / "cases.jsonl"
+    text = kept.read_text(encoding="utf-8") if kept.exists() else ""
+    records: list[Record] = [json.loads(line) for line in text.splitlines()]
+    done = {tuple(record[key] for key in keys) for record in records}
+    missing = [tuple(case) for case in cases if tuple(case) not in done]
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        futures = [pool.submit(make, *case) for case in missing]
+        for one in tqdm(
+            as_completed(futures), total=len(missing), **progress_options()
+        ):
+            records.append(one.result())
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(records[-1]) + "\n")
+            with replacing(out / "table.md") as partial:
+                partial.write_text(table(records), encoding="utf-8")
+    print(table(records))

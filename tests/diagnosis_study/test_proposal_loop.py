@@ -78,7 +78,7 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
 
 @pytest.mark.study
 def test_a_rare_effect_is_asked_for_and_named() -> None:
-    record = run(Case("bristles", "bare", "current_ripple", 0.0, 820))
+    record = run("bristles", "bare", "current_ripple", 0.0, 820)
     (found,) = record["steps"]
     assert (found["verdict"], found["named"]) == ("named", ["current_ripple"])
     assert word_of(record, -1) == "right" and is_alone(record)

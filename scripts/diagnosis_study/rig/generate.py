@@ -56,7 +56,7 @@ def facts_of(trials: str, seed: int) -> str:
     """Return the `dataset.toml` of an experimenter: known facts of each trial."""
     lines = []
     for k, trial in enumerate(make_trials(trials, seed)):
-        tension = NOMINAL["pretension_n"] * trial.tightness
+        tension = NOMINAL.pretension * trial.tightness
         lines += [
             f"[trials.trial_{k:02d}]",
             "unhooked = true" if trial.unhooked else f"pretension = {tension:g}",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -38,37 +38,31 @@ LOOKED_AT = {
 
 
 class Tuned(NamedTuple):
-    """A constant of the rig that the experimenter fits, and its bounds."""
+    """Constants of the rig that the experimenter fits as one, and its bounds."""
 
+    names: tuple[str, ...]
     step: float  # step of the difference quotient
     bound: float  # largest plausible change
-    mechanical: bool  # true if it changes the motion, False if it changes only readings
-    change: Callable[[Rig, float], Rig]
+    mechanical: bool = False  # scaled, and the motion changes with it; else shifted
+
+    def change(self, rig: Rig, x: float) -> Rig:
+        now = {name: getattr(rig, name) for name in self.names}
+        changed = {
+            name: math.exp(x) * value if self.mechanical else value + x
+            for name, value in now.items()
+        }
+        return dataclasses.replace(rig, **changed)
 
 
-def _scaled(*names: str) -> Callable[[Rig, float], Rig]:
-    def change(rig: Rig, x: float) -> Rig:
-        factor = math.exp(x)
-        values = {name: factor * getattr(rig, name) for name in names}
-        return dataclasses.replace(rig, **values)
-
-    return change
-
-
-def _moved(name: str) -> Callable[[Rig, float], Rig]:
-    return lambda rig, x: dataclasses.replace(rig, **{name: getattr(rig, name) + x})
-
-
-TUNED = {
-    "friction": Tuned(0.02, 0.7, True, _scaled("friction_a", "friction_b")),
-    "stiffness": Tuned(0.02, 0.7, True, _scaled("axial_stiffness")),
-    "pretension": Tuned(0.01, 0.1, True, _scaled("pretension")),
-    "clock": Tuned(2e-4, 1 / SAMPLE_RATE, False, _moved("joint_clock_offset")),
-    "motor_torque": Tuned(0.02, 0.05, False, _moved("motor_torque_offset")),
-    "joint_torque": Tuned(0.02, 0.05, False, _moved("joint_torque_offset")),
-    "joint_angle": Tuned(0.002, 0.01, False, _moved("joint_angle_offset")),
-}
-"""The constants of the experimenter's refit, by name."""
+TUNED = (
+    Tuned(("friction_a", "friction_b"), 0.02, 0.7, True),
+    Tuned(("axial_stiffness",), 0.02, 0.7, True),
+    Tuned(("pretension",), 0.01, 0.1, True),
+    Tuned(("joint_clock_offset",), 2e-4, 1 / SAMPLE_RATE),
+    Tuned(("motor_torque_offset",), 0.02, 0.05),
+    Tuned(("joint_torque_offset",), 0.02, 0.05),
+    Tuned(("joint_angle_offset",), 0.002, 0.01),
+)
 
 
 def _simulated(
@@ -101,7 +95,7 @@ def _tangents(rig: Rig, trials: str, seed: int) -> Array:
     """Change of the responses per change of each tuned constant, (3 samples, 7)."""
     truth, records, plain = _plain(rig, trials, seed)
     columns = []
-    for tuned in TUNED.values():
+    for tuned in TUNED:
         nudged = tuned.change(rig, tuned.step)
         if tuned.mechanical:
             moved = _responses(nudged, *_simulated(nudged, {}, trials, seed))
@@ -119,12 +113,12 @@ def forget() -> None:
 
 def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
     """Return the residual of a change after the plain rig has been tuned to it."""
-    bounds = np.array([tuned.bound for tuned in TUNED.values()])
+    bounds = np.array([tuned.bound for tuned in TUNED])
     # Unit bounds, so that no constant is favoured by its unit.
     scaled = _tangents(rig, trials, seed) * bounds
     found = lsq_linear(scaled, change.ravel(), bounds=(-1, 1)).x
     refit = rig
-    for tuned, x in zip(TUNED.values(), found * bounds, strict=True):
+    for tuned, x in zip(TUNED, found * bounds, strict=True):
         refit = tuned.change(refit, float(x))
     tuned_to = _responses(refit, *_simulated(refit, {}, trials, seed))
     left = change - (tuned_to - _plain(rig, trials, seed)[2])

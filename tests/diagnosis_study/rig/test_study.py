@@ -7,7 +7,7 @@ from typing import Any
 
 import diagnose_benchmark
 import pytest
-from diagnose_benchmark import Case, is_alone, is_right, judged, run, summary
+from diagnose_benchmark import is_alone, is_right, judged, run, summary
 from diagnose_benchmark import word_of as went
 from hypothesis import given
 from hypothesis import strategies as st
@@ -175,7 +175,7 @@ def test_a_case_meets_the_checks_that_the_command_makes(
         ]
 
     monkeypatch.setattr(diagnose_benchmark, "make_dataset", in_other_units)
-    record = run(Case("bristles", "bare", "none", 0.0, 3031))
+    record = run("bristles", "bare", "none", 0.0, 3031)
     (found,) = record["steps"]
     assert (found["verdict"], found["named"]) == ("fix-data", [])
     assert "perhaps it is in mNm" in found["said"]

@@ -293,6 +293,8 @@ class LearnedTable:
     at: tuple[float, ...]  # points of the quantity
     torque_unit: str  # of the torques over their factor
     torque: Mapping[str, tuple[float, ...]]  # what is added at the points, by channel
+    # Formula in words that predicts trials left out better than the table, or ""
+    formula: str = ""
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,14 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._learn.curves import FACTORS, QUANTITIES, Quantity, Side
+from cc_mujoco.diagnosis._learn.formulas import FORMULAS, best_shape, neighbours
 from cc_mujoco.diagnosis._rig.records import low_pass
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects._effect import Signals
@@ -29,7 +30,7 @@ from cc_mujoco.native import FloatArray
 
 Groups = NDArray[np.intp]
 """Places of groups of trials."""
-PERIODIC = "motor angle", "joint angle", "cable position"
+PERIODIC = "motor angle", "joint angle", "cable position", "time"
 """Quantities in which a curve may repeat."""
 
 
@@ -54,14 +55,16 @@ class CurveTerm(NamedTuple):
     sides: tuple[Side, ...] = ()  # torques that it changes
     penalty: float = Limit.first_penalty
     points: int = Limit.ranked_points  # of a curve that does not repeat
+    formula: str = ""  # of `FORMULAS`, in place of a table
+    shape: tuple[float, ...] = ()  # of the formula
 
     @property
     def key(self) -> CurveTerm:
         """CurveTerm of the same columns."""
-        return CurveTerm(self.over, self.times, self.period, points=self.points)
+        return self._replace(sides=(), penalty=0.0)
 
 
-BASE = CurveTerm("", "")
+BASE = CurveTerm("", "", penalty=0.0)
 """Columns of the parameters and of the error, in place of a curve."""
 
 
@@ -81,6 +84,7 @@ def hats(values: FloatArray, at: FloatArray, period: float) -> FloatArray:
     return found
 
 
+@lru_cache(maxsize=16)
 def roughness(size: int, repeats: bool) -> FloatArray:
     """Return the matrix (size, size) of the penalty on a table's values."""
     eye = np.eye(size)
@@ -182,6 +186,9 @@ class ErrorRows:
         along = self._along(k, QUANTITIES[term.over], step)
         factor = self._along(k, FACTORS[term.times], step)
         shapes = [hats(values, at, term.period) for values in along]
+        if term.formula:
+            given = FORMULAS[term.formula].functions
+            shapes = [np.array(given(values, *term.shape)) for values in along]
         rate = 1.0 / own.signals.dt / step
         if weights is not None:
             tables = [w @ shape for w, shape in zip(weights, shapes, strict=True)]
@@ -246,6 +253,8 @@ class ErrorRows:
         for term in terms:
             size = self.columns(term).shape[3]
             rough = term.penalty * roughness(size, bool(term.period))
+            if term.formula:
+                rough = Limit.formula_ridge * np.eye(size)
             for _ in term.sides:
                 own = slice(first, first + size)
                 full[own, own] += np.trace(whole[own, own]) / size * rough
@@ -300,7 +309,7 @@ class ErrorRows:
 
     @cached_property
     def _waves(self) -> dict[str, tuple[FloatArray, NDArray[np.complex64]]]:
-        """Frequencies [1/unit] by quantity, and waves (orders, groups, samples)."""
+        """Frequencies [1/unit] by quantity, waves (orders, groups times samples)."""
         found = {}
         turns = float(np.ptp(self._values["motor angle"])) / math.tau
         for over in PERIODIC if turns > 0.0 else ():
@@ -315,7 +324,7 @@ class ErrorRows:
             if orders.size < 3:
                 continue
             phases = np.multiply.outer(orders, values).astype(np.float32)
-            found[over] = orders, np.exp(1j * phases)
+            found[over] = orders, np.exp(1j * phases).reshape(orders.size, -1)
         return found
 
     @cached_property
@@ -324,13 +333,13 @@ class ErrorRows:
 
     def periodic(self, groups: Groups, terms: Sequence[CurveTerm]) -> list[CurveTerm]:
         """Return candidates of the periods that take most of the error left."""
-        left, found = self._left(terms, groups).transpose(0, 2, 1), []
+        left, found = np.zeros(self.columns(BASE).shape[:3]), []
+        left[groups] = self._left(terms, groups)
         for over, (orders, waves) in self._waves.items():
-            own = waves[:, groups].reshape(orders.size, -1)
-            for times, factors in self._factors.items():
-                factor = factors[groups].transpose(0, 2, 1)
-                wanted = (factor * left).reshape(own.shape[1], -1).astype(np.float32)
-                power = np.abs(own @ wanted) ** 2 / np.sum(factor**2, axis=(0, 1))
+            for times, factor in self._factors.items():
+                wanted = (factor * left).transpose(0, 2, 1).reshape(waves.shape[1], -1)
+                size = np.sum(factor[groups] ** 2, axis=(0, 2))
+                power = np.abs(waves @ wanted.astype(np.float32)) ** 2 / size
                 order = _peak(orders, power.sum(axis=1))
                 found.append(CurveTerm(over, times, math.tau / order))
         return found
@@ -351,8 +360,7 @@ def _peak(places: FloatArray, heights: FloatArray) -> float:
 
 def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
     """Return the curves by which left-out ones of these groups are predicted best."""
-    count = min(Limit.curve_folds, groups.size)
-    folds = [groups[k::count] for k in range(count)]
+    folds = split(groups)
     sides: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
     sides += [rows.sides] if len(sides) > 1 else []
     plain = [CurveTerm(over, times) for over in rows.varying for times in FACTORS]
@@ -378,6 +386,48 @@ def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
         terms.append(tried[leader])
         before = left[leader]
     return terms
+
+
+def formula_of(
+    rows: ErrorRows, terms: Sequence[CurveTerm], place: int
+) -> CurveTerm | None:
+    """Return a term with a formula in place of a curve that it beats, or None.
+
+    Left-out trials decide; the shape is that of a table fitted to the others.
+    """
+    every, curve = np.arange(len(rows.names)), terms[place]
+    folds = split(every)
+    others = [*terms[:place], *terms[place + 1 :]]
+    at, used = rows.at(curve), [rows.sides.index(side) for side in curve.sides]
+
+    def errors(term: CurveTerm, train: Groups, test: Groups) -> float:
+        made = [*others, term]
+        fit = rows.fitted(made, train)
+        return float(np.einsum("gij,i,j->", rows.squares(made)[test], fit, fit))
+
+    def formed(name: str, groups: Groups) -> CurveTerm:
+        table = rows.tables(terms, rows.fitted(terms, groups))[place][used]
+        shape = best_shape(FORMULAS[name], at, table, curve.period)
+        best = curve._replace(formula=name, shape=shape)
+        for part in Limit.shape_steps:
+            near = [best._replace(shape=s) for s in neighbours(name, best.shape, part)]
+            best = min([best, *near], key=lambda term: errors(term, groups, groups))
+        return best
+
+    found, least = "", float(rows.left_out(terms, folds).sum())
+    for name in FORMULAS:
+        trained = [np.setdiff1d(every, fold) for fold in folds]
+        pairs = zip(trained, folds, strict=True)
+        left = sum(errors(formed(name, train), train, test) for train, test in pairs)
+        if left < least:
+            found, least = name, left
+    return formed(found, every) if found else None
+
+
+def split(groups: Groups) -> list[Groups]:
+    """Return the folds of groups that are left out in turn."""
+    count = min(Limit.curve_folds, groups.size)
+    return [groups[k::count] for k in range(count)]
 
 
 def helps(gain: FloatArray, before: FloatArray) -> bool:

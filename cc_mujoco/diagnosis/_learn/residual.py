@@ -17,11 +17,14 @@ from cc_mujoco.diagnosis._learn.curves import (
     LearnedAngleCurve,
     LearnedCurve,
 )
+from cc_mujoco.diagnosis._learn.formulas import FORMULAS
+from cc_mujoco.diagnosis._learn.formulas import described as formula_words
 from cc_mujoco.diagnosis._learn.learning import (
     CurveTerm,
     ErrorRecord,
     ErrorRows,
     choose,
+    formula_of,
 )
 from cc_mujoco.diagnosis._phrases import channel_name, format_number, format_share
 from cc_mujoco.diagnosis._rig.simulation import values_on
@@ -73,14 +76,13 @@ def learn_residual(
             judged, learned=Learned(statement, (), gap, closed, (low, high))
         ), None
     fit = rows.fitted(terms, np.arange(len(rows.names)))
-    curves = tuple(
-        _table(rows, term, table)
-        for term, table in zip(terms, rows.tables(terms, fit), strict=True)
-    )
+    curves = tuple(_table(rows, terms, k, fit) for k in range(len(terms)))
     names = list_words(described(curve) for curve in curves)
+    looks = list_words(curve.formula for curve in curves if curve.formula)
+    like = f" It looks like {looks}." if looks else ""
     statement = (
-        f"Learned from the error: {names}. On trials that neither its choice nor its "
-        f"fit has seen, that takes {share} (95 % interval {format_share(low)} to "
+        f"Learned from the error: {names}.{like} On trials that neither choice nor "
+        f"fit has seen, it takes {share} (95 % interval {format_share(low)} to "
         f"{format_share(high)}). It is no name for a cause; learned.py has it as an "
         "effect to edit."
     )
@@ -147,7 +149,21 @@ def tested(
     return fitting.gaps(problem, *both), fitting.whole_gap(problem, *both)
 
 
-def _table(rows: ErrorRows, term: CurveTerm, table: FloatArray) -> LearnedTable:
+def _table(
+    rows: ErrorRows, terms: Sequence[CurveTerm], place: int, fit: FloatArray
+) -> LearnedTable:
+    term, table = terms[place], rows.tables(terms, fit)[place]
+    at, quantity = rows.at(term), QUANTITIES[term.over]
+    torque_unit = "N m" if FACTORS[term.times].unit == "1" else "1"
+    formula = ""
+    if (better := formula_of(rows, terms, place)) is not None:
+        made = [*terms[:place], better, *terms[place + 1 :]]
+        refitted = rows.fitted(made, np.arange(len(rows.names)))
+        functions = FORMULAS[better.formula].functions(at, *better.shape)
+        size = np.max(np.abs(rows.tables(made, refitted)[place] @ np.array(functions)))
+        words = better.formula, term.over, quantity.unit, better.shape
+        sized = f"{format_number(float(size))} {torque_unit}".removesuffix(" 1")
+        formula = f"{formula_words(*words)} (up to {sized})"
     pairs = zip(rows.sides, table, strict=True)
     values = {
         f"{side}_torque_nm": tuple(row.tolist())
@@ -158,16 +174,8 @@ def _table(rows: ErrorRows, term: CurveTerm, table: FloatArray) -> LearnedTable:
     name = f"learned_{term.over}".replace(" ", "_")
     name += f"_times_{term.times}".replace(" ", "_") if term.times else ""
     name += "_again" if name in taken else ""
-    return LearnedTable(
-        name,
-        term.over,
-        QUANTITIES[term.over].unit,
-        term.times,
-        term.period,
-        tuple(rows.at(term).tolist()),
-        "N m" if FACTORS[term.times].unit == "1" else "1",
-        values,
-    )
+    points = term.period, tuple(at.tolist()), torque_unit, values, formula
+    return LearnedTable(name, term.over, quantity.unit, term.times, *points)
 
 
 def described(curve: LearnedTable) -> str:

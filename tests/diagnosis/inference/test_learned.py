@@ -11,14 +11,17 @@ import pytest
 
 from cc_mujoco.diagnosis import LearnedAngleCurve, LearnedCurve, Signals, rollout
 from cc_mujoco.diagnosis._learn.curves import QUANTITIES
+from cc_mujoco.diagnosis._learn.formulas import FORMULAS, described
 from cc_mujoco.diagnosis._learn.learning import (
     CurveTerm,
     ErrorRecord,
     ErrorRows,
     choose,
+    formula_of,
     hats,
 )
 from cc_mujoco.diagnosis._learn.residual import classes_of, file_text
+from cc_mujoco.diagnosis._phrases import MINUS
 from cc_mujoco.diagnosis._rig.records import low_pass
 from cc_mujoco.diagnosis._scene.repair import repair_scene, write
 from cc_mujoco.diagnosis._verdict import Learned, LearnedTable
@@ -34,11 +37,13 @@ def signals(seed: int, seconds: float = 6.0) -> Signals:
     """Return a motion with torques of a spring and of friction."""
     random = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, DT)
-    joint = sum(
-        0.3 * np.sin(random.uniform(1.0, 5.0) * time + random.uniform(0.0, 6.0))
-        for _ in range(3)
-    )
-    pull, loss = 2.0 * joint, 0.3 * np.tanh(20.0 * np.gradient(joint, DT))
+
+    def mixed(size: float) -> Signal:
+        waves = random.uniform((1.0, 0.0), (5.0, 6.0), (3, 2))
+        return size * sum(np.sin(rate * time + phase) for rate, phase in waves)
+
+    joint, pull = mixed(0.3), mixed(0.7)
+    loss = 0.3 * np.tanh(20.0 * np.gradient(joint, DT))
     motor = joint + 0.02 * pull
     ends = np.array([80.0 + 10.0 * pull, 80.0 - 10.0 * pull])
     given = DT, time, motor, joint, pull + loss, pull, 0.0, ends, ends, 0.05, 0.05
@@ -124,9 +129,44 @@ def test_a_period_is_found() -> None:
     assert terms[0].sides == ("joint",) and share > 0.8
 
 
+@pytest.mark.parametrize(
+    ("name", "shape", "words"),
+    [
+        ("sine", (1.0 / 7.0,), "a periodic error of the joint angle, 6.99 per turn"),
+        ("bump", (0.1, 0.1), "a bump at 0.0997 rad"),
+        ("catch", (-0.15, 0.11), f"a catch at {MINUS}0.15"),
+        ("stop", (0.2,), "a rise from 0.21"),
+    ],
+)
+def test_a_curve_is_recognised_as_the_formula_that_it_samples(
+    name: str, shape: tuple[float, ...], words: str
+) -> None:
+    at = np.linspace(-1.2, 1.2, 97)
+    table = 0.4 * sum(FORMULAS[name].functions(at, *shape))
+    planted = curve(
+        over="joint angle", at=tuple(at.tolist()), joint_torque=tuple(table.tolist())
+    )
+    found = rows({"joint": planted}, 30)
+    terms = choose(found, np.arange(8))
+    formula = formula_of(found, terms, 0)
+    assert formula is not None and formula.formula == name
+    assert formula.shape == pytest.approx(shape, rel=0.03, abs=0.012)
+    text = described(formula.formula, "joint angle", "rad", formula.shape)
+    assert text.startswith(words), text
+
+
+def test_a_curve_without_a_formula_stays_a_curve() -> None:
+    random = np.random.default_rng(4)
+    table = tuple(random.uniform(-0.3, 0.3, 12).tolist())
+    at = tuple(np.linspace(-0.6, 0.6, 12).tolist())
+    found = rows({"joint": curve(over="joint angle", at=at, joint_torque=table)}, 31)
+    terms = choose(found, np.arange(8))
+    assert terms and formula_of(found, terms, 0) is None
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_chance_gives_no_curve_however_large(seed: int) -> None:
-    assert closed(rows({}, 10 + seed, 5.0 * FLOOR))[0] == []
+    assert choose(rows({}, 10 + seed, 5.0 * FLOOR), np.arange(8)) == []
 
 
 def test_what_tuning_takes_gives_no_curve() -> None:

@@ -35,8 +35,6 @@ from numpy.typing import NDArray
 from cc_mujoco import control
 from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
 from cc_mujoco.device import IN_EPISODES, CableDrive, Device
-from cc_mujoco.device._observation import ObservationHistory
-from cc_mujoco.device._sensors import BIAS, AxesMeasuring
 from cc_mujoco.envs import DeviceVectorEnv
 from cc_mujoco.errors import CableError
 
@@ -65,6 +63,10 @@ BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last 
 RATE, LAST_RATE = 1e-3, 3e-4  # rate of the optimiser in the first round and in the last
 
 
+def observation(hold: int) -> dict[str, Any]:
+    return {"hold": hold, "history": HISTORY, "memory": True}
+
+
 def structure(device: Device) -> dict[str, tuple[float, float, float]]:
     """Return the ranges of the effects that the cables of a plant may have."""
     low, high = AMOUNTS
@@ -88,17 +90,13 @@ def motions(scene: str) -> tuple[train_policy.Part, ...]:
     return (None, None, 2), *(((tremor, None, 1),) if tremor else ())
 
 
-def teacher(env: DeviceVectorEnv, hold: int = HOLD) -> control.Controller:
-    """Return a `predictive` that knows the present plants of an environment.
-
-    An action is held `hold` samples.
-    """
+def teacher(env: DeviceVectorEnv) -> control.Controller:
+    """Return a `predictive` that knows the present plants of an environment."""
     exo = env.exo
     drives = [
         [
             dataclasses.replace(
                 drive,
-                period=hold * drive.period,
                 torque_noise=exo.description.sensing.torque_noise,
                 cables=tuple(
                     CableDrive(plant.cables[cable], one.proximal, one.distal)
@@ -120,20 +118,11 @@ def teacher(env: DeviceVectorEnv, hold: int = HOLD) -> control.Controller:
 class Classroom:
     """A vector environment in which the teacher and the student act."""
 
-    def __init__(self, env: DeviceVectorEnv, seed: int, hold: int = HOLD) -> None:
-        """Reset the environment, which begins episodes by itself (`SameStep`).
-
-        It holds no action; here one is held for `hold` samples.
-        """
-        self._hold = hold
+    def __init__(self, env: DeviceVectorEnv, seed: int) -> None:
+        """Reset the environment, made with `observation(hold)`."""
         self.env = env
-        self.observed = [
-            dataclasses.replace(own, hold=hold, history=HISTORY, memory=True)
-            for own in env.exo.observed
-        ]
-        """Observation of the student."""
         self._random = np.random.default_rng(seed)
-        _, self._info = env.reset(seed=seed)
+        self._seen, self._info = env.reset(seed=seed)
 
     def play(self, student: Callable[[Singles], Singles] | None = None) -> Lesson:
         """Play an episode; return a `Lesson`.
@@ -144,61 +133,33 @@ class Classroom:
         axes), and RMS torque errors [N m] by axis where one of them acts alone, over
         the second half of the episode.
         """
-        env, exo = self.env, self.env.exo
-        count, limits = env.num_envs, exo.device.torque_limits
-        law, sensors = teacher(env, self._hold), self._sensors()
-        histories = [ObservationHistory(own, count) for own in self.observed]
+        env, limits = self.env, self.env.exo.device.torque_limits
+        count, law = env.num_envs, teacher(env)
         share = np.minimum(2.0 * self._random.permutation(count) / count, 1.0)
         alone, going = share == 1.0, np.ones(count, dtype=np.bool_)
-        played: Singles = np.zeros((count, len(limits)), np.float32)
         seen, taught, errors = [], [], []
-        for step in range(exo.steps):
-            columns = sensors.measure(self._info)
-            for axis, history in enumerate(histories):
-                measured = history.observed.of(exo.axis_columns(columns, axis))
-                (history.add if step else history.begin)(measured)
-            if step % self._hold == 0:
-                right = env.action(law.torque(self._info))
-                rows = np.concatenate([one.observation() for one in histories], axis=1)
-                played = right
-                if student:
-                    own = np.clip(student(rows), -1.0, 1.0)
-                    played = (right + share[:, None] * (own - right)).astype(np.float32)
-                for axis, history in enumerate(histories):
-                    history.act(played[:, axis])
-                sound = going & np.isfinite(right).all(axis=1)
-                seen.append(rows[sound])
-                taught.append(right[sound])
-                given = played * limits
-                law.given(given if len(limits) > 1 else given[:, 0])
-            _, _, terminated, _, self._info = env.step(played)
+        for step in range(env.episode_steps):
+            played = right = env.action(law.torque(self._info))
+            if student:
+                own = np.clip(student(self._seen), -1.0, 1.0)
+                played = (right + share[:, None] * (own - right)).astype(np.float32)
+            sound = going & np.isfinite(right).all(axis=1)
+            seen.append(self._seen[sound])
+            taught.append(right[sound])
+            given = played * limits
+            law.given(given if len(limits) > 1 else given[:, 0])
+            self._seen, _, terminated, _, self._info = env.step(played)
             going &= ~terminated
-            if 2 * step >= exo.steps:
+            if 2 * step >= env.episode_steps:
                 errors.append(self._errors()[:, alone & going])
         rms = np.sqrt(np.mean(np.square(np.concatenate(errors, axis=1)), axis=1))
         return np.concatenate(seen), np.concatenate(taught), rms
 
-    def _sensors(self) -> AxesMeasuring:
-        """Return the device's sensors with new noise, biases and delays."""
-        env, exo = self.env, self.env.exo
-        noise = np.array([plant.noise for plant in env.plants])
-        return exo.controller_sensors(
-            exo.description.sensing,
-            exo.drives,
-            self._random.integers(2**31, size=env.num_envs).tolist(),
-            [
-                BIAS * noise[:, None] * self._random.normal(size=(env.num_envs, 1))
-                for _ in exo.drives
-            ],
-            delay=[plant.delay for plant in env.plants],
-            noise=noise,
-        )
-
     def _errors(self) -> Array:
         """Return the torque errors of now (axes, environments) [N m]."""
+        exo = self.env.exo
         columns = [
-            self.env.exo.axis_columns(self._info, axis)
-            for axis in range(len(self.observed))
+            exo.axis_columns(self._info, axis) for axis in range(len(exo.observed))
         ]
         return np.array(
             [own["joint_torque_nm"] - own["desired_torque_nm"] for own in columns]
@@ -276,10 +237,11 @@ def train(options: argparse.Namespace) -> None:
     device = train_policy.device_of(options.scene)
     liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
     ranges = {**RANGES, **liner, **structure(device)}
-    envs = train_policy.make(options, ranges, {}, motions(options.scene))
+    envs = train_policy.make(
+        options, ranges, observation(options.hold), motions(options.scene)
+    )
     rooms = [
-        Classroom(env, 1000 * options.seed + place, options.hold)
-        for place, env in enumerate(envs)
+        Classroom(env, 1000 * options.seed + place) for place, env in enumerate(envs)
     ]
     lessons = with_errors_printed("teacher", [room.play() for room in rooms])
     seen = np.concatenate([own[0] for own in lessons])
@@ -296,7 +258,7 @@ def train(options: argparse.Namespace) -> None:
     control.write_policy(
         options.out / f"{options.seed}.safetensors",
         student.network(),
-        rooms[0].observed,
+        envs[0].exo.observed,
     )
 
 

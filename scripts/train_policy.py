@@ -8,18 +8,16 @@
     cc-mujoco benchmark wrist --controllers pi runs/ppo/0.safetensors
 
 A policy drives all motors of a device at once. For every seed `--out` gets the policy
-N.safetensors and its learning curve N.csv: steps, processor time [s], and the mean
-return per second of simulated time of the episodes since the last row, with the noise
-of exploration. All environments draw cables, wearer, delay and noise anew in every
-episode, from ranges that cover most of the benchmark; with --fixed there is one cable,
-a liner of ordinary friction. With --smoothness a change of the action by 1 costs as
-much.
+N.safetensors and N/progress.csv, in which Stable-Baselines3 keeps steps, time and mean
+returns of the episodes, with the noise of exploration. All environments draw cables,
+wearer, delay and noise anew in every episode, from ranges that cover most of the
+benchmark; with --fixed there is one cable, a liner of ordinary friction. With
+--smoothness a change of the action by 1 costs as much.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -214,7 +212,7 @@ def make(
 def train(seed: int, options: argparse.Namespace) -> None:
     import stable_baselines3
     import torch
-    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.logger import configure
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
     from cc_mujoco.envs import StableBaselines, save_policy
@@ -223,28 +221,6 @@ def train(seed: int, options: argparse.Namespace) -> None:
     torch.set_num_threads(1)
     envs = make(options)
     env = VecNormalize(VecMonitor(StableBaselines(*envs)), gamma=0.95)
-
-    class Curve(BaseCallback):  # type: ignore[misc]
-        def _on_training_start(self) -> None:
-            self.start, self.due, self.returns = time.process_time(), 0, []
-            self.file = (options.out / f"{seed}.csv").open("w", newline="")
-            self.rows = csv.writer(self.file)
-            self.rows.writerow(("steps", "processor_s", "return_per_s"))
-
-        def _on_step(self) -> bool:
-            for info in self.locals["infos"]:
-                if "episode" in info:
-                    self.returns.append(info["episode"]["r"] / options.seconds)
-            if self.num_timesteps >= self.due and self.returns:
-                spent = time.process_time() - self.start
-                mean = float(np.mean(self.returns))
-                self.rows.writerow((self.num_timesteps, f"{spent:.1f}", f"{mean:.4f}"))
-                self.file.flush()
-                self.returns, self.due = [], self.num_timesteps + 10_000
-            return True
-
-        def _on_training_end(self) -> None:
-            self.file.close()
 
     kind = getattr(stable_baselines3, options.algorithm.upper())
     chosen = dict(ALGORITHMS[options.algorithm])
@@ -256,8 +232,9 @@ def train(seed: int, options: argparse.Namespace) -> None:
     if options.algorithm == "ppo":
         with torch.no_grad():
             model.policy.action_net.bias.copy_(torch.tensor(means))
+    model.set_logger(configure(str(options.out / str(seed)), ["csv"]))
     start = time.process_time()
-    model.learn(options.steps, callback=Curve())
+    model.learn(options.steps)
     rate = options.steps / (time.process_time() - start)
     save_policy(model, options.out / f"{seed}.safetensors")
     print(f"{options.algorithm} seed {seed}: {rate:.0f} steps/s of processor")

@@ -25,7 +25,8 @@ def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:
         fixed=False,
         smoothness=0.0,
     )
-    env = train_policy.make(options, imitate.RANGES, {})[0]
+    observed = imitate.observation(imitate.HOLD)
+    env = train_policy.make(options, imitate.RANGES, observed)[0]
     return imitate.Classroom(env, 0)
 
 
@@ -82,15 +83,15 @@ def test_samples_are_what_the_student_sees_and_what_the_teacher_does(
 ) -> None:
     room = classroom(scene)
     seen, taught, errors = room.play()
-    axes = len(room.observed)
-    size = sum(own.space.shape[0] for own in room.observed)
+    axes = len(room.env.exo.observed)
+    size = sum(own.space.shape[0] for own in room.env.exo.observed)
     steps = round(0.02 / 1e-3) // imitate.HOLD
     assert seen.shape == (room.env.num_envs * steps, size)
     assert taught.shape == (len(seen), axes)
     assert errors.shape == (axes,) and np.isfinite(errors).all()
     # Every frame of the history ends with the action that followed it.
-    last = seen[-room.env.num_envs :, : room.observed[0].space.shape[0]]
-    frame = room.observed[0].frame
+    last = seen[-room.env.num_envs :, : room.env.exo.observed[0].space.shape[0]]
+    frame = room.env.exo.observed[0].frame
     past = last[:, -(frame + 1) * imitate.HISTORY :]
     earlier = taught[-2 * room.env.num_envs : -room.env.num_envs, 0]
     assert past[:, frame] == pytest.approx(earlier)
@@ -129,7 +130,7 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     ]
     network, observed = read_policy(tmp_path / "0.safetensors")
     room = classroom("finger")
-    assert list(observed) == room.observed
+    assert list(observed) == room.env.exo.observed
     assert network.motors == 1
     again = subprocess.run(words, capture_output=True, cwd=script.parents[1])
     assert b"is there already" in again.stderr

@@ -392,15 +392,16 @@ def repeat_slip(
 
     Return whether that is the solution: all of them go on, all others are held, and no
     node is slack. The tensions before the step may be any. Arguments and results are
-    those of `march`; `work` holds (2 n,).
+    those of `march`; `work` holds (3 n,).
     """
     tension, compliance = chain.tension, chain.compliance
-    a, b = work[:n], work[n : 2 * n]
+    a, b, shrink = work[:n], work[n : 2 * n], work[2 * n : 3 * n]
     c, e = compliance[0], compliance[0] * tension[0] - proximal
     for s in range(n):
         way, drag, soft = chain.slips[s], chain.drag[s], compliance[s + 1]
         if way > 0.0:
-            a[s] = c * (1.0 / chain.growth[s])
+            shrink[s] = 1.0 / chain.growth[s]
+            a[s] = c * shrink[s]
             b[s] = e + a[s] * drag
         elif way < 0.0:
             a[s] = c * chain.growth[s]
@@ -418,7 +419,7 @@ def repeat_slip(
         way, drag, high = chain.slips[s], chain.drag[s], at
         shift[s] = a[s] * high - b[s]
         if way > 0.0:
-            at = (high - drag) / chain.growth[s]
+            at = (high - drag) * shrink[s]
         elif way < 0.0:
             at = chain.growth[s] * high + drag
         else:

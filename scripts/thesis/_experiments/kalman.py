@@ -21,7 +21,6 @@ CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 TENSION = 10.0
 """Tension measured at the proximal end, in addition to its displacement [N]."""
 SHARPNESSES = (1e2, 1e3, 1e4)  # sharpness k of tanh(k v) in place of sign(v) [s/m]
-PERIOD = 1.0  # the unit time step of (3.16) and (3.17) [s]
 
 
 def transition_matrix(segments: int = 10, step: float = 1e-7) -> FloatArray:
@@ -48,14 +47,14 @@ def jacobian(velocity: FloatArray, sharpness: float, mean: bool) -> FloatArray:
 
     The first segment of (3.15) with T_1 and u_1 measured: u_2 = u_1 + d (e^(c S) - 1)
     with S = tanh(k v), where v (points,) [m/s] is the mean velocity of both nodes
-    (3.16) or that of the first (3.17), and k the sharpness [s/m]. The derivative is by
-    u_2 before with (3.16), by u_1 with (3.17), found by implicit differentiation. With
-    the mean velocity it has poles where the smoothed equation has several solutions.
+    (3.16) or that of the first (3.17) over a step of 1 s, and k the sharpness [s/m].
+    The derivative is by u_2 before with (3.16), by u_1 with (3.17), found by implicit
+    differentiation. With the mean velocity it has poles where the smoothed equation has
+    several solutions.
     """
     angle, scale = segment_constants()
     smooth = np.tanh(sharpness * velocity)
     slope = scale * angle * np.exp(angle * smooth) * sharpness * (1.0 - smooth**2)
-    slope /= PERIOD
     return -0.5 * slope / (1.0 - 0.5 * slope) if mean else -slope
 
 
@@ -64,12 +63,6 @@ def segment_constants() -> tuple[float, float]:
     mesh = Mesh.of(CABLE.replace(segments=2))
     angle = float(mesh.angle[0])
     return angle, TENSION * float(mesh.length[0]) / mesh.stiffness / angle
-
-
-def half_width(velocity: FloatArray, derivative: FloatArray) -> float:
-    """Return the largest speed [m/s] at which a derivative has half its maximum."""
-    large = np.abs(derivative) >= 0.5 * np.max(np.abs(derivative))
-    return float(np.max(np.abs(velocity[large])))
 
 
 def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> float:
@@ -120,7 +113,10 @@ def run() -> tuple[Finding, ...]:
         for (k, _), curve in curves.items()
         if 10.0 / k < velocity[-1]
     )
-    widths = [half_width(velocity, curves[k, True]) * k for k in SHARPNESSES]
+    widths = []
+    for k in SHARPNESSES:
+        size = np.abs(curves[k, True])
+        widths.append(k * float(np.max(np.abs(velocity[size >= 0.5 * np.max(size)]))))
     levels = np.linspace(0.0, 0.3, 31)
     counts = np.array([changes_of_motion(level) for level in levels])
     eight = float(np.interp(8.0, counts, levels))

@@ -654,3 +654,18 @@ def test_a_long_wait_is_estimated_before_it_begins() -> None:
         sentence,
     )
     assert not [*wait_sentences(make_plan(StudySpec("wrist", vary)), 1)]
+
+
+def test_clearance_and_soft_ends_are_variables() -> None:
+    """Both widen the loop of the transmission; pretension takes clearance up."""
+    given: dict[str, Any] = {
+        "duration": 2.0, "metrics": ("twist_backlash",), "trajectory": "sine",
+        "task": "spring:1", "controllers": ("none",),
+    }  # fmt: skip
+    vary = {"clearance": [0.0, 1e-3], "pretension": [6.0, 18.0]}
+    loops = study("wrist", vary, **given)["twist_backlash"].to_pylist()
+    low, high = loops[2] - loops[0], loops[3] - loops[1]
+    assert low > high > 0.0
+    soft = {"end_compliance": [1e-4], "end_hardening": [0.02], "end_loss": [0.0, 0.4]}
+    kept, lost = study("wrist", soft, **given)["twist_backlash"].to_pylist()
+    assert lost > 1.1 * kept

@@ -27,6 +27,7 @@ GUIDES = 36  # guide rings per cable, which bend it between straight pieces
 
 
 TENSION = 80.0  # tension at which constants are those stated [N]
+SEATING = 25.0  # tension that takes a cable half across a gap [N]
 BONDING_SLIP = 1e-4  # travel that breaks a bond [m]
 ANCHOR_TIME = 2e-3  # damping of the anchorage over its stiffness [s]
 
@@ -63,6 +64,7 @@ class Plant(NamedTuple):
     sag: float = 0.0  # stretch of a cable from slack to taut [m]
     anchor: float = 0.0  # compliance of the anchorage at the joint, one cable [m/N]
     textile: float = 0.0  # compliance of slack textile between cables and joint [m/N]
+    gap: float = 0.0  # room of the cables across their rings [m]
 
     # --- what no library should know ----------------------------------------------
     notches: float = 0.0  # force of a notched ring near the middle of cable a [N]
@@ -148,6 +150,21 @@ def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
 
 
 @internal
+def _pull_across(stiffness: float, stretch: float, room: float) -> tuple[float, float]:
+    """Return `pull` of a piece that also crosses a gap, shorter by up to `room` [m].
+
+    The stretch is tension / stiffness + room tension / (tension + `SEATING`).
+    """
+    if stretch <= 0.0:
+        return 0.0, 0.0
+    linear = SEATING + stiffness * (room - stretch)
+    root = math.sqrt(linear * linear + 4.0 * stiffness * stretch * SEATING)
+    tension = 0.5 * (root - linear)
+    give = room * SEATING / (tension + SEATING) ** 2
+    return tension, 1.0 / (1.0 / stiffness + give)
+
+
+@internal
 def _held(
     p: Plant, cables: Cables, c: int, i: int, joint: float
 ) -> tuple[float, float]:
@@ -209,6 +226,11 @@ def _balance(
             tension[i], slope[i], stretched = soft_anchor.series(
                 p.textile, fabric, k, x
             )
+        elif p.gap != 0.0:
+            room = 0.5 * p.bend[c, i] if i < guides else 0.0
+            room = p.gap * (room + (0.5 * p.bend[c, i - 1] if i > 0 else 0.0))
+            x = ahead - behind + rest + room * tight / (tight + SEATING)
+            tension[i], slope[i] = _pull_across(k, x, room)
         else:
             tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
     worst = 0.0

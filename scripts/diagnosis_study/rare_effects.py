@@ -140,7 +140,7 @@ def _clean(rig: Rig, amount: float) -> Session:
 
 SESSIONS: dict[str, tuple[Callable[[Rig, float], Session], float]] = {
     "clamp_creep": (_clamp, 2e-5),
-    "soft_anchor": (_textile, 8e-5),
+    "soft_anchor": (_textile, 2.5e-5),
     "drum_winding": (_drum, 0.03),
     "upper_joint_stop": (_stop(1.0), 3.0),
     "lower_joint_stop": (_stop(-1.0), 3.0),

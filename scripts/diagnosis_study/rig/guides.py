@@ -150,7 +150,7 @@ def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
 
 
 @internal
-def _pull_across(stiffness: float, stretch: float, room: float) -> tuple[float, float]:
+def pull_across(stiffness: float, stretch: float, room: float) -> tuple[float, float]:
     """Return `pull` of a piece that also crosses a gap, shorter by up to `room` [m].
 
     The stretch is tension / stiffness + room tension / (tension + `SEATING`).
@@ -230,7 +230,7 @@ def _balance(
             room = 0.5 * p.bend[c, i] if i < guides else 0.0
             room = p.gap * (room + (0.5 * p.bend[c, i - 1] if i > 0 else 0.0))
             x = ahead - behind + rest + room * tight / (tight + SEATING)
-            tension[i], slope[i] = _pull_across(k, x, room)
+            tension[i], slope[i] = pull_across(k, x, room)
         else:
             tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
     worst = 0.0

@@ -10,7 +10,7 @@ import pytest
 
 from rig.dataset import clean_dataset, make_trials, run, truth_of
 from rig.engine import COLUMNS
-from rig.guides import GUIDES, plant_of, settle, start
+from rig.guides import GUIDES, SEATING, plant_of, pull_across, settle, start
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS
@@ -126,3 +126,14 @@ def test_both_makes_hide_what_a_library_can_know() -> None:
     assert set(MAKES["guides"].named) == named
     assert not set(MAKES["guides"].unknown) & set(MAKES["bristles"].unknown)
     assert plant_of(make_rig(4)).bend.shape == (2, GUIDES)
+
+
+@pytest.mark.parametrize("stretch", [1e-6, 1e-4, 1e-3, 5e-3])
+def test_a_piece_that_crosses_a_gap_stretches_by_both(stretch: float) -> None:
+    stiffness, room, step = 1e6, 1e-3, 1e-9
+    tension, slope = pull_across(stiffness, stretch, room)
+    whole = tension / stiffness + room * tension / (tension + SEATING)
+    assert whole == pytest.approx(stretch, rel=1e-9)
+    more = pull_across(stiffness, stretch + step, room)[0]
+    assert slope == pytest.approx((more - tension) / step, rel=1e-3)
+    assert pull_across(stiffness, -stretch, room) == (0.0, 0.0)

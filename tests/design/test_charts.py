@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.design._charts import outside_hull
+from cc_mujoco.design._report import outside_hull
 
 
 def test_a_map_is_blank_beyond_the_designs() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.viz._web_scene import geom_mesh, join_meshes
+from cc_mujoco.viz._web_page import geom_mesh, join_meshes
 
 VOLUMES = {
     "sphere": lambda x, y, z: 4 / 3 * np.pi * x**3,

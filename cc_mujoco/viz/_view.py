@@ -54,7 +54,9 @@ def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
     spec = read_spec(path)
     try:
         make_room(spec)
-        return path, spec, spec.compile()
+        model = spec.compile()
+        plugin.from_mjcf(spec)  # refuses empty keys, which MuJoCo takes for none
+        return path, spec, model
     except ValueError as error:
         raise CableError(f"{path}: {error_sentence(error)}") from None
 

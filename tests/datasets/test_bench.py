@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,10 @@ import pytest
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
+from cc_mujoco.device import Device
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin import from_mjcf
+from cc_mujoco.viz._view import read_scene
 from diagnosis.rigs import alone
 from hardware.devices import ARM, KNEE, written
 from shared_folder import SHARED
@@ -104,6 +108,24 @@ def test_what_is_wrong_with_a_conduit_is_said_once(tmp_path: Path) -> None:
         Bench.of(wrong)
     assert str(told.value).count("sections") == 1
     assert "does not load: cable 'agonist': key `conduit` is '2:x'" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ('"end_los" value="0.1"', r"key .end_los.(;| in a cable:) did you mean .end_loss."),
+        ('"end_loss" value=""', "key `end_loss` is ''; it must be a number in"),
+    ],
+)
+@pytest.mark.parametrize("load", [Bench.of, Device, from_mjcf, read_scene])
+def test_a_key_that_mujoco_misreads_is_refused_by_what_loads_a_scene(
+    tmp_path: Path, load: Callable[[str], object], key: str, message: str
+) -> None:
+    """MuJoCo itself takes an empty key for a missing one, and names no other."""
+    first = '<config key="friction"'
+    wrong = scene(tmp_path, (first, f"<config key={key}/>\n{first}"))
+    with pytest.raises(CableError, match=message):
+        load(str(wrong))
 
 
 def test_a_lever_whose_angle_is_not_0_at_pretension_is_refused(tmp_path: Path) -> None:

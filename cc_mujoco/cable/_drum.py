@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
 
@@ -114,6 +115,11 @@ def _mixing_heat(
     Stretched lengths are `length`, `other`, unstretched ones `unstretched`, `also` [m].
     """
     both = unstretched + also
+    if not nodes.is_curved_cable(prm):
+        # A difference of energies would lose its digits in single precision.
+        apart = length / unstretched - other / also
+        shared = unstretched / both * also
+        return float(0.5 * prm[PLACE.axial_stiffness] * shared * apart * apart)
     energy = unstretched * moving_path.strain_energy(prm, length / unstretched)
     energy += also * moving_path.strain_energy(prm, other / also)
     return energy - both * moving_path.strain_energy(prm, (length + other) / both)

@@ -23,7 +23,6 @@ from cc_mujoco.cable._newmark import NEWMARK
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from cc_mujoco.warp import _implicit_kernels as implicit
 from cc_mujoco.warp import _kernels as of_cables
 from cc_mujoco.warp import _model as models
 from cc_mujoco.warp._build import paths_of
@@ -172,7 +171,7 @@ class AttachedCables:
             ends = np.full(self._model.nu, -1, np.int32)
             places = np.arange(actuators.size).reshape(actuators.shape)
             ends[actuators] = np.where(tied, -2, places)
-            look_ahead = implicit.look_ahead_kernel(self.terms, self._paths)
+            look_ahead = of_cables.look_ahead_kernel(self.terms, self._paths)
             self._ahead = _LookAhead(d, rows, ends, look_ahead, self._led)
 
     def _launch(self, kernel: Any, *given: Any) -> None:
@@ -452,7 +451,7 @@ class _LookAhead:
         """Allocate the arrays; `ends` is what each actuator holds, see `add_forces`."""
         self._rows, self._led = rows, led
         self.kernels = {
-            "add_forces": implicit.add_forces, "moment_row": implicit.moment_row,
+            "add_forces": of_cables.add_forces, "moment_row": of_cables.moment_row,
             "look_ahead": look_ahead,
         }  # fmt: skip
         count, worlds, self._device = rows.segments.shape[0], rows.worlds, d.time.device
@@ -479,7 +478,7 @@ class _LookAhead:
             rows, self._ends, moments, d.qfrc_passive, d.qfrc_bias, d.qfrc_applied,
             d.qfrc_constraint, d.actuator_force, right,
         ]  # fmt: skip
-        wp.launch(implicit.add_forces, worlds, given, device=device)
+        wp.launch(of_cables.add_forces, worlds, given, device=device)
         if self._led is not None:
             self._led.pull(False, m, d, right)
         mjw.xfrc_accumulate(m, d, right)
@@ -487,7 +486,7 @@ class _LookAhead:
         for cable in range(count):
             for end in range(2):
                 given = [rows, cable, end, moments, right]
-                wp.launch(implicit.moment_row, worlds, given, device=device)
+                wp.launch(of_cables.moment_row, worlds, given, device=device)
                 mjw.solve_m(m, damped, self._answers[2 * cable + end], right)
         given = [rows, m.opt.timestep, moments, self._answers, self._found]
         given.append(d.actuator_velocity)

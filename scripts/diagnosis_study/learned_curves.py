@@ -12,6 +12,7 @@ what was left that curves take. Cases that are done are kept.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,7 +23,7 @@ from kept_cases import complete
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
-from cc_mujoco.diagnosis import infer
+from cc_mujoco.diagnosis import Options, load, run_inference
 from cc_mujoco.diagnosis._fit.problem import floor_ratios
 from cc_mujoco.diagnosis._learn.residual import described
 from cc_mujoco.report import table
@@ -30,14 +31,20 @@ from rig.generate import generate
 from rig.makes import MAKES
 
 
-def diagnosed(make: str, effect: str, strength: float, seed: int) -> dict[str, Any]:
-    """Diagnose a rig; return the verdict and what curves take of the error left."""
+def diagnosed(
+    make: str, effect: str, strength: float, seed: int, effects: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Diagnose a rig; return the verdict and what curves take of the error left.
+
+    The search considers `effects` only, if any are given.
+    """
     with TemporaryDirectory() as folder:
         place = Path(folder, "rig")
         hidden = [] if effect == "none" else [effect]
         generate(place, hidden, strength, "rich", seed, make)
         bench = Bench.of(scene_path("bench"))
-        found = infer(bench, [place / "data"])[0].diagnosis
+        dataset, _ = load([place / "data"], None, bench)
+        found = run_inference(dataset, bench, Options(effects)).diagnosis
     learned = found.learned
     curves = [described(curve) for curve in learned.curves] if learned else []
     formulas = [curve.formula for curve in learned.curves] if learned else []
@@ -90,6 +97,7 @@ def main(
     strength: float = 6.0,
     first: int = 27000,
     none: int = 0,
+    effects: tuple[str, ...] = (),
     out: Path = Path("runs", "learned_curves"),
 ) -> None:
     """Diagnose every unknown effect of these makes, and `none` rigs that hide nothing.
@@ -99,6 +107,7 @@ def main(
         strength: R of each effect.
         first: seed of the first rig.
         none: rigs of each make that hide nothing.
+        effects: effects that are searched, all by default.
         out: folder of the records and the table.
     """
     hidden = [(make, name) for make in makes for name in MAKES[make].unknown]
@@ -106,7 +115,7 @@ def main(
     pairs = enumerate(hidden, start=first)
     cases = [(make, name, strength, seed) for seed, (make, name) in pairs]
     keys = "make", "effect", "strength", "seed"
-    complete(out, keys, cases, diagnosed, summary)
+    complete(out, keys, cases, partial(diagnosed, effects=effects), summary)
 
 
 if __name__ == "__main__":

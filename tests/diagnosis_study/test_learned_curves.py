@@ -31,7 +31,7 @@ def test_a_catch_at_one_angle_is_learned_and_acts_in_the_scene(tmp_path: Path) -
     assert found.learned.ci95[0] > 0.6
     assert curve.formula.startswith("a catch at")
     (compared,) = [p for p in found.problems if "differs from the replay" in p]
-    assert float(compared.partition(" by ")[2].split()[0]) < 0.02
+    assert float(compared.partition(" replay by ")[2].split()[0]) < 0.02
     out = tmp_path / "out"
     assert "learned_joint_angle" in (out / SCENE_FILE).read_text("utf-8")
     assert "What curves take" in (out / REPORT_PAGE).read_text("utf-8")
@@ -40,7 +40,8 @@ def test_a_catch_at_one_angle_is_learned_and_acts_in_the_scene(tmp_path: Path) -
         effects=[f"{out / LEARNED_FILE}:LearnedJointAngle"],
     )  # fmt: skip
     assert [each.id for each in again.missing] == ["learned_joint_angle"]
-    assert again.effects[0].parameters["learned_joint_angle_share"].holds(1.0)
+    (share,) = again.effects[0].parameters.values()
+    assert share.value == pytest.approx(1.0, abs=0.05)  # penalties shrink a table
     assert again.remaining < 1.6
 
 

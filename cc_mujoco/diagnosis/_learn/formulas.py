@@ -104,10 +104,14 @@ def neighbours(
 def described(name: str, over: str, unit: str, shape: tuple[float, ...]) -> str:
     formula = FORMULAS[name]
     if name == "sine":
-        length = math.tau * shape[0]
-        again = f"{format_number(math.tau / length)} per turn" if unit == "rad" else ""
-        again = again or f"again after {format_number(length)} {unit}"
-        return f"{formula.words} of the {over}, {again}"
+        return f"{formula.words} of the {over}, {repeating(math.tau * shape[0], unit)}"
     place = format_number(shape[0]) if formula.place else ""
     text = formula.words.format(over=over, unit=unit, a=place)
     return f"{text}, {format_number(shape[1])} {unit} wide" if formula.width else text
+
+
+def repeating(period: float, unit: str) -> str:
+    """Return a period in words, of an angle as periods per turn."""
+    if unit == "rad":
+        return f"{format_number(math.tau / period)} per turn"
+    return f"again after {format_number(period)} {unit}"

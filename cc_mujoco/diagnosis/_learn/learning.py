@@ -60,7 +60,7 @@ class CurveTerm(NamedTuple):
 
     @property
     def key(self) -> CurveTerm:
-        """CurveTerm of the same columns."""
+        """Term of the same columns."""
         return self._replace(sides=(), penalty=0.0)
 
 
@@ -313,10 +313,10 @@ class ErrorRows:
         found = {}
         turns = float(np.ptp(self._values["motor angle"])) / math.tau
         for over in PERIODIC if turns > 0.0 else ():
-            values = self._signal(QUANTITIES[over], False)[:, 0]
-            span = float(np.ptp(self._values[over]))
             if over not in self.varying:
                 continue
+            values = self._signal(QUANTITIES[over], False)[:, 0]
+            span = float(np.ptp(self._values[over]))
             base = math.tau / span
             first, last = Limit.min_periods * base, Limit.max_order * turns * base
             orders = np.arange(first, last, base / Limit.order_oversampling)
@@ -338,7 +338,7 @@ class ErrorRows:
         for over, (orders, waves) in self._waves.items():
             for times, factor in self._factors.items():
                 wanted = (factor * left).transpose(0, 2, 1).reshape(waves.shape[1], -1)
-                size = np.sum(factor[groups] ** 2, axis=(0, 2))
+                size = np.maximum(np.sum(factor[groups] ** 2, axis=(0, 2)), 1e-300)
                 power = np.abs(waves @ wanted.astype(np.float32)) ** 2 / size
                 order = _peak(orders, power.sum(axis=1))
                 found.append(CurveTerm(over, times, math.tau / order))
@@ -380,7 +380,10 @@ def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
             for penalty in Limit.curve_penalties
         ]
         left = [rows.left_out([*terms, term], folds) for term in tried]
-        leader = int(np.argmin([each.sum() for each in left]))
+        # A second torque has to take a share of its own.
+        extra = [1.0 + Limit.form_error_share * (len(t.sides) - 1) for t in tried]
+        sums = [by * float(e.sum()) for by, e in zip(extra, left, strict=True)]
+        leader = int(np.argmin(sums))
         if not helps(before - left[leader], before):
             break
         terms.append(tried[leader])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ from cc_mujoco.diagnosis._learn.curves import (
     LearnedAngleCurve,
     LearnedCurve,
 )
-from cc_mujoco.diagnosis._learn.formulas import FORMULAS
+from cc_mujoco.diagnosis._learn.formulas import FORMULAS, repeating
 from cc_mujoco.diagnosis._learn.formulas import described as formula_words
 from cc_mujoco.diagnosis._learn.learning import (
     CurveTerm,
@@ -58,8 +59,13 @@ def learn_residual(
     if not wanted or event:
         return judged, None
     rows = rows_of(found.problem, found.x)
-    if len(rows.names) < Limit.min_curve_groups:
-        return judged, None
+    if len(rows.names) < Limit.min_curve_groups or not _left_out_whole(found.problem):
+        statement = (
+            "No curve is learned from what is left: that takes four trials or more, "
+            "some of which can be left out whole."
+        )
+        none = Learned(statement, (), {}, math.nan, (math.nan, math.nan))
+        return replace(judged, learned=none), None
     gap, whole = tested(found.problem, found.x, rows, found.fitted.settings.seed)
     terms = choose(rows, np.arange(len(rows.names)))
     closed, (low, high) = whole.gap_closed, whole.ci95
@@ -91,6 +97,19 @@ def learn_residual(
     return replace(judged, learned=learned), model
 
 
+def _left_out_whole(problem: Problem) -> bool:
+    """Return whether whole trials are held out, not stretches of all of them."""
+    records = problem.plant.records
+    for fold in fitting.trial_folds(records):
+        parts = (
+            {r.group for r, mask in zip(records, masks, strict=True) if mask.any()}
+            for masks in fold
+        )
+        if set.intersection(*parts):
+            return False
+    return True
+
+
 def rows_of(problem: Problem, x: FloatArray) -> ErrorRows:
     """Return a model's errors as the learning sees them, weighted as in its fit."""
     records, instruments = problem.plant.records, problem.plant.instruments
@@ -105,7 +124,7 @@ def rows_of(problem: Problem, x: FloatArray) -> ErrorRows:
             continue
         weight = np.where(masks[k], -steep[k][0], 0.0)
         if record.load_cell is not None:  # which no curve changes
-            weight[record.load_cell.row] = 0.0
+            weight[[row == record.load_cell.row for row in instruments.rows]] = 0.0
         own = values_on(values, record.occasion)
         signals = problem.plant.signals(record, own, problem.effects)
         error, noise = record.measured - torques[k], problem.sensed[k]
@@ -183,11 +202,8 @@ def described(curve: LearnedTable) -> str:
     torques = list_words(channel_name(name) for name in curve.torque)
     times = f" times the {curve.times}" if curve.times else ""
     text = f"a curve of the {torques} over the {curve.over}{times}"
-    if curve.period and curve.unit == "rad":
-        return f"{text}, {format_number(2.0 * np.pi / curve.period)} per turn"
-    if curve.period:
-        return f"{text}, again after {format_number(curve.period)} {curve.unit}"
-    return text
+    again = f", {repeating(curve.period, curve.unit)}" if curve.period else ""
+    return text + again
 
 
 def classes_of(learned: Learned) -> tuple[type, ...]:

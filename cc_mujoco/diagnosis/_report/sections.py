@@ -369,6 +369,8 @@ def learned(diagnosis: Diagnosis) -> Html | None:
     if found is None:
         return None
     lines = [gap_sentence(name, each) for name, each in found.gap.items()]
+    if not lines:
+        return paragraph(found.statement)
     key = (
         "Each trial is predicted by curves that were chosen, and fitted together with "
         "the tuned values, without it."

@@ -238,7 +238,7 @@ def heat_after_step(values: FloatArray, heat: float, lost: float, dt: float) -> 
 def wrap_factor(
     values: FloatArray, travel: float, begin: float, end: float, length: float
 ) -> float:
-    """Return the factor on the wrap angle of the segment from `begin` to `end` [m].
+    """Return the factor of `wrap_growth` on the wrap from `begin` to `end` [m].
 
     The distal end is displaced by `travel` [m], the conduit is `length` [m] long.
     """

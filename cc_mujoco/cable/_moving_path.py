@@ -242,9 +242,9 @@ def bend_conduit(
 def apply_material_law(
     prm: FloatArray, n: int, before: FloatArray, after: FloatArray
 ) -> None:
-    """Replace linear tensions `after` a step by those of the material law [N].
+    """Replace tensions `after` a linear step by the material law's, in place [N].
 
-    `before` (n + 1,) are those before the step [N].
+    `before` (n + 1,) are the tensions of the nodes before the step [N].
     """
     ea = prm[PLACE.axial_stiffness]
     for i in range(n + 1):

@@ -351,7 +351,7 @@ def elastic_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @compiled
 def total_stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Return the stretch of all nodes [m], as `state[3]` should be."""
+    """Return the stretch of all nodes [m]: `state[3]` where no path may lengthen."""
     total = 0.0
     tension = at.tensions(state, n)
     for i in range(n + 1):

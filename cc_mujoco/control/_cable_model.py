@@ -301,7 +301,7 @@ def motor_torque(model: Model) -> float:
 
 
 def cable_table(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> FloatArray:
-    """Return the numbers of `PROXIMAL` to `PRETENSION` for each cable (cables, 5)."""
+    """Return columns `PROXIMAL` to `PRETENSION` of the cables (cables, 5)."""
     table, made = np.empty((len(cables), 5)), stepper_cables(cables)
     for k, one in enumerate(cables):
         largest = guard.largest_torque(limits) / abs(one.distal)

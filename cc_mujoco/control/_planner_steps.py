@@ -69,7 +69,7 @@ COEFFICIENT, ESTIMATE_SIZE = ESTIMATE, 4
 
 
 class Taps(NamedTuple):
-    """Tension sensors along all cables, as many along each."""
+    """Tension sensors of a controller, an equal number along each cable."""
 
     nodes: IntMatrix  # (cables, sensors)
     noise: FloatMatrix  # standard deviations (cables, sensors) [N]

@@ -376,7 +376,7 @@ def require_cables(drive: Drive) -> None:
 
 
 class _CableCourses:
-    """Cables as a `HysteresisModel` whose state is a `CableCourse` for each row."""
+    """Inverse of the cables, with `rest` and `invert` as of a `HysteresisModel`."""
 
     def __init__(self, drive: Drive, parameters: CableParameters) -> None:
         self._cables, self._parameters = drive.cables, parameters

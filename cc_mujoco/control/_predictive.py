@@ -31,7 +31,7 @@ from cc_mujoco.native import FloatArray
 
 
 class PredictiveCompensation(SteppedController):
-    r"""Model-predictive: the motor's path is planned, and rolled out with the kernel.
+    r"""Model-predictive control that plans the motor's path and rolls it out.
 
     The cables have no mass, so the angles of motor and joint alone say what torque they
     make; and it grows with the motor's angle. In every control step

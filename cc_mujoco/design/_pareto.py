@@ -91,13 +91,13 @@ def read_limits(
 def read_objectives(
     texts: Iterable[str], measured: Sequence[str] | None = None
 ) -> tuple[Objective, ...]:
-    """Parse `METRIC`, `min:METRIC` and `max:METRIC`.
+    """Parse `METRIC` (towards its better side), `min:METRIC` and `max:METRIC`.
 
     A user's metric is `MODULE:NAME`, or only its name once it was imported. For
     `measured` see `read_limits`.
 
     Raises:
-        CableError: no such metric, not measured, or given twice.
+        CableError: no such metric, no better side, not measured, or given twice.
     """
     found: list[Objective] = []
     for text in require_list("objectives", texts):

@@ -104,10 +104,10 @@ def tasks_of(
     given: str | Path | Task | Mapping[str, str | Path | Task] | None,
     device: Description,
 ) -> str | Path | Task | Mapping[str, str | Path | Task] | None:
-    """Return the task of designs that are simulated together.
+    """Return the task `given` for the wearer of designs that are simulated together.
 
-    `given` is scaled to their wearer, who is the same in all. If designs set a torque
-    profile, the axis that `helped_axis` returns follows it; several profiles are rows.
+    The wearer is the same in all. Torque profiles of the designs, a row for each,
+    replace the task of `helped_axis`, or the only task.
     """
     walker, helped = designs[0], helped_axis(device)
 

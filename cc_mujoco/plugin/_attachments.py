@@ -378,7 +378,7 @@ def explain_bypass(
 
 @internal
 def _tendon_feature(model: MjModel, tendon: int) -> ffi.Bytes:
-    """Return the feature, if any, by which a tendon is pulled as a whole, or ""."""
+    """Return words for what pulls a tendon as a whole, as "a `range`", or ""."""
     if model.tendon_stiffness[tendon] != 0.0:
         return "a `stiffness`"
     if model.tendon_damping[tendon] != 0.0:

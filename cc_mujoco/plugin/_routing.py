@@ -74,7 +74,7 @@ def seats_with_route(block: Block) -> bool:
 
 @internal
 def _bend(block: Block, model: MjModel, data: MjData, stage: int) -> None:
-    """Store the wrap angles (n,) [rad] of a conduit that bends with its route."""
+    """Write to `stage` of the block the wrap angles (n,) [rad] that its route gives."""
     contact = layout.contact_length(blocks.parameters(block), block.segments)
     length, angles = data.ten_length[block.route], blocks.shape(block, stage)
     path.bend(model, data, block.route, 0, length, contact, angles)

@@ -405,7 +405,7 @@ class Ranges:
         return Plant(self.nominal.device, values) if values else self.nominal
 
     def _each(self, name: str) -> tuple[str, ...]:
-        """Return the names of a variable; one of all cables has a name per cable."""
+        """Return `CABLE.NAME` for every cable if `name` is of cables, else `name`."""
         if "." in name or name not in OF_CABLES:
             return (name,)
         return tuple(f"{cable}.{name}" for cable in self.nominal.cables)

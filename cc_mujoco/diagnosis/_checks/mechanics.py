@@ -474,7 +474,7 @@ def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
 def _delay_and_drift(
     windows: list[_Window], times: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Return the delay [s] and drift [s/s] that best align all windows together."""
+    """Return the joint's delay behind the motor [s] and its drift [s/s], of windows."""
     matches = np.array([window.match for window in windows])
     width, penalty = matches.shape[1], 0.01
     reach = width // 2

@@ -68,8 +68,8 @@ def trial_errors(
     return tuple(found)
 
 
-class Odd(NamedTuple):
-    """Outlier: a trial that the others do not predict, or all trials of one tilt."""
+class Outlier(NamedTuple):
+    """Trial, or all trials of one tilt, that the fit to the others misses."""
 
     trials: tuple[str, ...]  # names
     misfit: float  # RMS error over the noise floor, by parameters fitted to the others
@@ -148,7 +148,7 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
 
 def find_outlier_trial(
     problem: Problem, x: FloatArray, tuned: Mapping[str, float] | None = None
-) -> Odd | None:
+) -> Outlier | None:
     """Return the trial that contradicts the others; None if none does.
 
     Another pretension, friction or tilt has to bring it to their level. `tuned` are the
@@ -214,7 +214,7 @@ def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
 
 def _leave_out(
     problem: Problem, x: FloatArray, names: tuple[str, ...]
-) -> tuple[Odd, FloatArray]:
+) -> tuple[Outlier, FloatArray]:
     """Return the error of trials by a fit to the others, and the fitted parameters."""
     places = problem.plant.by_trial
     own = [k for name in names for k in places[name]]
@@ -224,7 +224,7 @@ def _leave_out(
     there = fitting.fit(problem, x, masks).x
     errors = problem.deviations(there)
     off, left = (problem.misfit(k, [errors[j] for j in k]) for k in (own, rest))
-    return Odd(names, off, left), there
+    return Outlier(names, off, left), there
 
 
 def _best_own_constant(

@@ -58,7 +58,7 @@ def _tension(signals: Signals, _: Side) -> FloatArray:
 
 
 def _rising(signals: Signals, side: Side) -> FloatArray:
-    """Return 1 where a torque has risen, -1 where it has fallen (samples,)."""
+    """Return 1 where a torque rises, -1 where it falls, between at turns (samples,)."""
     torque = getattr(signals, side)
     turn = Limit.learned_turn * float(np.max(np.abs(torque)))
     return dry_friction(torque, max(turn, 1e-9))
@@ -114,7 +114,7 @@ class LearnedCurve:
     joint_torque: tuple[float, ...] = ()
 
     def tables(self) -> dict[Side, FloatArray]:
-        """Return the table of each side that has one, checked."""
+        """Return the checked table (points,) of each side that has one [N m]."""
         for names, known in ((self.over, QUANTITIES), (self.times, FACTORS)):
             if names not in known:
                 raise CableError.unknown("quantity", names, [*known])
@@ -174,7 +174,7 @@ class LearnedAngleCurve(LearnedCurve):
                 add_wave(spec, bench, side, name, order, *(size * w for w in wave))
 
     def _even(self, table: FloatArray) -> list[tuple[float, float, float]]:
-        """Return orders [1/rad] and cosines of an even series from `at[0]` on."""
+        """Return (order [1/rad], cosine, 0) of an even Fourier series about `at[0]`."""
         length = self.at[-1] - self.at[0]
         count = len(self.at) - 1
         even = self.at[0] + length * np.arange(count + 1) / count

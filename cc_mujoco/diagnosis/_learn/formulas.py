@@ -58,7 +58,7 @@ FORMULAS: Mapping[str, Formula] = {
 
 
 def shapes(formula: Formula, at: FloatArray, period: float) -> list[tuple[float, ...]]:
-    """Return the shapes of a formula that are tried for a table's points."""
+    """Return candidate shapes (place, width) of a formula for table points `at`."""
     span = float(at[-1] - at[0])
     widths = [share * span for share in Limit.formula_widths]
     if not formula.place:  # of a sine, up to the periods that the points resolve
@@ -73,7 +73,7 @@ def shapes(formula: Formula, at: FloatArray, period: float) -> list[tuple[float,
 def best_shape(
     formula: Formula, at: FloatArray, tables: FloatArray, period: float
 ) -> tuple[float, ...]:
-    """Return the shape that comes closest to tables (rows, points).
+    """Return the candidate shape closest to `tables` (rows, points) at `at` (points,).
 
     A constant counts for nothing, as offsets are tuned.
     """
@@ -90,7 +90,7 @@ def best_shape(
 def neighbours(
     name: str, shape: tuple[float, ...], part: float
 ) -> list[tuple[float, ...]]:
-    """Return shapes beside one: its width by a factor, its place by part of it."""
+    """Return shapes with the width times 1 + `part` or less, the place moved by it."""
     formula = FORMULAS[name]
     if not formula.width:
         return []

@@ -29,13 +29,13 @@ from cc_mujoco.diagnosis.effects._effect import Signals
 from cc_mujoco.native import FloatArray
 
 Groups = NDArray[np.intp]
-"""Places of groups of trials."""
+"""Indices of groups in `ErrorRows.names`."""
 PERIODIC = "motor angle", "joint angle", "cable position", "time"
 """Quantities in which a curve may repeat."""
 
 
 class ErrorRecord(NamedTuple):
-    """One record as the learning sees it."""
+    """Signals, errors and slopes of one record, at its samples."""
 
     group: str  # name of the trials that repeat each other, which no fold parts
     signals: Signals  # simulated, of the model
@@ -60,7 +60,7 @@ class CurveTerm(NamedTuple):
 
     @property
     def key(self) -> CurveTerm:
-        """Term of the same columns."""
+        """Term of the same columns, without sides and penalty."""
         return self._replace(sides=(), penalty=0.0)
 
 
@@ -69,7 +69,10 @@ BASE = CurveTerm("", "", penalty=0.0)
 
 
 def hats(values: FloatArray, at: FloatArray, period: float) -> FloatArray:
-    """Return the weights (points, samples) of a table's points at values."""
+    """Return weights (points, samples) to interpolate a table at values (samples,).
+
+    Its points are `at` (points,); it repeats after `period` where that is not 0.
+    """
     if period:
         at, values = np.append(at, period), values % period
     place = np.clip(np.searchsorted(at, values, side="right") - 1, 0, at.size - 2)
@@ -86,7 +89,7 @@ def hats(values: FloatArray, at: FloatArray, period: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def roughness(size: int, repeats: bool) -> FloatArray:
-    """Return the matrix (size, size) of the penalty on a table's values."""
+    """Return the matrix (size, size) that penalises bends and steps of a table."""
     eye = np.eye(size)
     steps = np.roll(eye, -1, 1) - eye if repeats else np.diff(eye, axis=0)
     bends = steps @ steps if repeats else np.diff(eye, 2, axis=0)
@@ -96,7 +99,7 @@ def roughness(size: int, repeats: bool) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ErrorRows:
-    """Weighted errors, and what curves and parameters change in them, by group."""
+    """Weighted torque errors by group, and their slopes by curves and parameters."""
 
     stretches: Sequence[ErrorRecord]
     sides: tuple[Side, ...]  # of the rows
@@ -114,7 +117,7 @@ class ErrorRows:
 
     @cached_property
     def _thin(self) -> list[tuple[int, int]]:
-        """Steps between the samples of curves before and after the filter."""
+        """Record's samples per sample of a curve, before and after its low pass."""
         finest = [
             s.signals.dt * Limit.samples_per_period * s.band for s in self.stretches
         ]
@@ -125,7 +128,10 @@ class ErrorRows:
         ]
 
     def _laid(self, parts: Sequence[FloatArray], weighted: bool = True) -> FloatArray:
-        """Return (groups, rows, samples, columns) of parts (columns, rows, samples)."""
+        """Join parts (columns, rows, samples) of records by group, padded with 0.
+
+        The result is (groups, rows, samples, columns).
+        """
         by_name: dict[str, list[FloatArray]] = {name: [] for name in self.names}
         for own, part, (_, step) in zip(self.stretches, parts, self._thin, strict=True):
             factor = own.weight[:, ::step] if weighted else 1.0
@@ -139,14 +145,14 @@ class ErrorRows:
 
     @cached_property
     def noise(self) -> FloatArray:
-        """Squared error (groups,) that the noise of sensors makes."""
+        """Sum of squared weighted noise of the sensors (groups,)."""
         pairs = zip(self.stretches, self._thin, strict=True)
         quiet = self._laid([own.noise[None, :, ::step] for own, (_, step) in pairs])
         return np.asarray(np.square(quiet).sum(axis=(1, 2, 3)))
 
     @cached_property
     def _values(self) -> dict[str, FloatArray]:
-        """Every quantity of the first row (samples,), all stretches joined."""
+        """Every quantity (samples,) of the first row, all records joined."""
         places = range(len(self.stretches))
         return {
             name: np.concatenate([self._along(k, each, 1)[0] for k in places])
@@ -155,12 +161,12 @@ class ErrorRows:
 
     @cached_property
     def varying(self) -> tuple[str, ...]:
-        """Quantities that are not constant but for rounding."""
+        """Names of the quantities that vary by more than rounding."""
         sizes = {n: (np.ptp(v), np.max(np.abs(v))) for n, v in self._values.items()}
         return tuple(n for n, (span, most) in sizes.items() if span > 1e-6 * most)
 
     def at(self, term: CurveTerm) -> FloatArray:
-        """Return the points (points,) of the table of a term."""
+        """Return the values (points,) of the quantity at which a term has points."""
         if term.period:
             return term.period * np.arange(Limit.period_points) / Limit.period_points
         values = self._values[term.over]
@@ -169,17 +175,17 @@ class ErrorRows:
         return np.asarray(0.5 * (often + np.linspace(often[0], often[-1], term.points)))
 
     def _along(self, k: int, quantity: Quantity, step: int) -> FloatArray:
-        """Return a quantity (rows, samples) of a stretch."""
+        """Return every `step`-th sample of a quantity of record `k` (rows, samples)."""
         signals = self.stretches[k].signals
         return np.array([quantity.values(signals, side)[::step] for side in self.sides])
 
     def curve(
         self, k: int, term: CurveTerm, weights: FloatArray | None = None
     ) -> FloatArray:
-        """Return the torques of a stretch by a table's points or `weights` of them.
+        """Return the torques that a term adds to record `k` [N m].
 
-        That is (points, rows, coarser samples), or (rows, samples) for weights (rows,
-        points) [N m].
+        They are those of a unit at each point (points, rows, coarser samples), or of a
+        table `weights` (rows, points) at all samples (rows, samples).
         """
         own, at = self.stretches[k], self.at(term)
         step = self._thin[k][0] if weights is None else 1
@@ -196,7 +202,10 @@ class ErrorRows:
         return low_pass(np.stack(shapes, axis=1) * factor, own.band, rate)
 
     def columns(self, term: CurveTerm) -> FloatArray:
-        """Return the columns (groups, rows, samples, columns) of a term."""
+        """Return a term's weighted columns (groups, rows, samples, points).
+
+        Those of `BASE` are the slopes of the parameters and the error.
+        """
         if term.key not in self._kept:
             parts = []
             for k, (own, (first, step)) in enumerate(
@@ -211,7 +220,7 @@ class ErrorRows:
         return self._kept[term.key]
 
     def _product(self, one: CurveTerm, other: CurveTerm) -> FloatArray:
-        """Return the products (groups, rows, columns of one, columns of other)."""
+        """Return products (groups, rows, points, points) summed over samples."""
         pair = one.key, other.key
         if pair not in self._products:
             left, right = self.columns(one), self.columns(other)
@@ -221,7 +230,7 @@ class ErrorRows:
         return self._products[pair]
 
     def squares(self, terms: Sequence[CurveTerm]) -> FloatArray:
-        """Return products (groups, n, n) of parameters, error and every table."""
+        """Return products (groups, n, n) of slopes, error and the tables by side."""
         blocks = [
             (BASE, -1),
             *((t, self.sides.index(s)) for t in terms for s in t.sides),
@@ -241,9 +250,9 @@ class ErrorRows:
         return found
 
     def solve(self, terms: Sequence[CurveTerm], whole: FloatArray) -> FloatArray:
-        """Return the fit (n,) to training products (n, n), with 1 for the error.
+        """Return factors (n,) of all columns for the least error, whose own is 1.
 
-        The columns times it are the error that the fit leaves.
+        `whole` (n, n) is the sum of `squares` over the training groups.
         """
         count = self.precise.size
         full = whole + 1e-9 * np.diag(np.diag(whole)) + 1e-12 * np.eye(len(whole))
@@ -270,7 +279,7 @@ class ErrorRows:
         return self.solve(terms, self.squares(terms)[groups].sum(axis=0))
 
     def tables(self, terms: Sequence[CurveTerm], fit: FloatArray) -> list[FloatArray]:
-        """Return tables (rows, points) of terms in a fit, 0 for other sides [N m]."""
+        """Return each term's table (rows, points) in a fit (n,), 0 for other sides."""
         first, found = self.precise.size + 1, []
         for term in terms:
             size = self.columns(term).shape[3]
@@ -284,7 +293,7 @@ class ErrorRows:
     def left_out(
         self, terms: Sequence[CurveTerm], folds: Sequence[Groups]
     ) -> FloatArray:
-        """Return squared errors by group of the folds, by fits to the other folds."""
+        """Return the squared error of each group by a fit to the other folds."""
         squares, every = self.squares(terms), np.concatenate(folds)
         found = np.zeros(len(squares))
         for fold in folds:
@@ -294,7 +303,7 @@ class ErrorRows:
         return found[np.sort(every)]
 
     def _left(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
-        """Return the weighted error (groups, rows, samples) that a fit leaves."""
+        """Return the weighted error (groups, rows, samples) after a fit to `groups`."""
         fit = self.fitted(terms, groups)
         error = self.columns(BASE)[groups] @ fit[: self.precise.size + 1]
         for term, table in zip(terms, self.tables(terms, fit), strict=True):
@@ -359,7 +368,7 @@ def _peak(places: FloatArray, heights: FloatArray) -> float:
 
 
 def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
-    """Return the curves by which left-out ones of these groups are predicted best."""
+    """Return the curves that predict left-out groups best, [] if none does."""
     folds = split(groups)
     sides: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
     sides += [rows.sides] if len(sides) > 1 else []
@@ -394,9 +403,9 @@ def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
 def formula_of(
     rows: ErrorRows, terms: Sequence[CurveTerm], place: int
 ) -> CurveTerm | None:
-    """Return a term with a formula in place of a curve that it beats, or None.
+    """Return `terms[place]` with the formula that beats its table, or None.
 
-    Left-out trials decide; the shape is that of a table fitted to the others.
+    Left-out trials decide; the shape is fitted to the table of the other trials.
     """
     every, curve = np.arange(len(rows.names)), terms[place]
     folds = split(every)
@@ -428,13 +437,13 @@ def formula_of(
 
 
 def split(groups: Groups) -> list[Groups]:
-    """Return the folds of groups that are left out in turn."""
+    """Return `groups` divided into the folds that are left out in turn."""
     count = min(Limit.curve_folds, groups.size)
     return [groups[k::count] for k in range(count)]
 
 
 def helps(gain: FloatArray, before: FloatArray) -> bool:
-    """Return whether errors (groups,) fall by enough, and in most groups."""
+    """Return whether errors `before` (groups,) fall by enough, and in most groups."""
     rest = np.arange(gain.size) != np.argmax(gain)
     least = Limit.min_reduction * before
     enough = gain.sum() > least.sum() and gain[rest].sum() > 0.5 * least[rest].sum()

@@ -48,10 +48,11 @@ class LearnedModel(NamedTuple):
 def learn_residual(
     found: Found, judged: Diagnosis
 ) -> tuple[Diagnosis, LearnedModel | None]:
-    """Return the diagnosis with curves of what no effect explains, and their model.
+    """Add curves of the unexplained error to a diagnosis; return it and their model.
 
-    They are learned where the verdict is `unknown` or a named model stays far off, but
-    not of an event or of constants that differ from trial to trial.
+    The model is None where no curve is given. Curves are learned where the verdict is
+    `unknown` or a named model stays far off, but not of an event or of constants that
+    differ from trial to trial.
     """
     far = found.search.after.misfit > Limit.max_explained_error
     wanted = judged.verdict == "unknown" or (judged.verdict in ("named", "tie") and far)
@@ -111,7 +112,7 @@ def _left_out_whole(problem: Problem) -> bool:
 
 
 def rows_of(problem: Problem, x: FloatArray) -> ErrorRows:
-    """Return a model's errors as the learning sees them, weighted as in its fit."""
+    """Return torque errors and slopes at `x` (parameters,), weighted as in a fit."""
     records, instruments = problem.plant.records, problem.plant.instruments
     every, values = range(len(records)), problem.values(x)
     torques = problem.torques(x)
@@ -140,9 +141,9 @@ def rows_of(problem: Problem, x: FloatArray) -> ErrorRows:
 def tested(
     problem: Problem, x: FloatArray, rows: ErrorRows, seed: int
 ) -> tuple[dict[str, Gap], Gap]:
-    """Return gaps on trials left out of choice and fit, by channel and together.
+    """Return gaps by channel, and of all, on trials left out of choice and fit.
 
-    Before is the model tuned to the other trials without curves.
+    They compare the model tuned to the other trials without curves and with them.
     """
     records = problem.plant.records
     division = fitting.trial_folds(records)
@@ -198,7 +199,7 @@ def _table(
 
 
 def described(curve: LearnedTable) -> str:
-    """Return what a curve is in words: torques, quantity, factor and period."""
+    """Return a phrase with the torques, quantity, factor and period of a curve."""
     torques = list_words(channel_name(name) for name in curve.torque)
     times = f" times the {curve.times}" if curve.times else ""
     text = f"a curve of the {torques} over the {curve.over}{times}"
@@ -207,7 +208,7 @@ def described(curve: LearnedTable) -> str:
 
 
 def classes_of(learned: Learned) -> tuple[type, ...]:
-    """Return the classes that `learned.py` has."""
+    """Return a class of an effect for every curve, as `learned.py` defines them."""
     found = []
     for curve in learned.curves:
         parts = {
@@ -270,7 +271,10 @@ def file_text(learned: Learned) -> str:
 
 
 def _refitted(found: Found, steps: FloatArray, kinds: Sequence[type]) -> LearnedModel:
-    """Return the model with the curves as effects, fitted to all data by simulation."""
+    """Return the model with curves of `kinds` as effects, fitted to all data.
+
+    `steps` (parameters,) are the changes of the parameters in the linear fit.
+    """
     problem, x = found.problem, found.x
     counts = [record.counts for record in problem.plant.records]
     with effects_in_use(kinds) as ids:

@@ -265,7 +265,7 @@ def person_power(env: Any, term: str = "person") -> torch.Tensor:
 
 
 def has_fallen(env: Any, term: str = "person") -> torch.Tensor:
-    """Terminate worlds in which the person has fallen (worlds,)."""
+    """Return whether the person has fallen, in every world (worlds,)."""
     return walker(env, term).fallen
 
 

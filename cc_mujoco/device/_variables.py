@@ -22,13 +22,19 @@ Value = float | int | str
 """Value of a variable: a number, or a text where the variable is one."""
 
 
-def _read_variables() -> dict[str, dict[str, Parameter]]:
-    """Read `variables.csv`: parameters by owner (such as cable or axis) and name."""
+def _read_variables() -> tuple[dict[str, dict[str, Parameter]], set[str]]:
+    """Read `variables.csv`: parameters by owner (such as cable or axis) and name.
+
+    The set has the names of those that designs on one compiled model may differ in.
+    """
     choices = {"material": MATERIALS, "material_friction": ENDS, "motor": MOTORS}
     found: dict[str, dict[str, Parameter]] = {}
+    shared = set()
     with Path(__file__).with_name("variables.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             name, values = row["name"], row["values"]
+            if row["model"] == "shared":
+                shared.add(name)
             found.setdefault(row["of"], {})[name] = Parameter(
                 name,
                 row["unit"],
@@ -40,10 +46,10 @@ def _read_variables() -> dict[str, dict[str, Parameter]]:
                 text=values == "texts",
                 choices=tuple(choices.get(name, ())),
             )
-    return found
+    return found, shared
 
 
-_OF = _read_variables()
+_OF, _SHARED = _read_variables()
 """Variables besides the parameters of a cable, by owner (such as axis)."""
 
 _PARAMETERS = {parameter.name: parameter for parameter in PARAMETERS}
@@ -61,11 +67,7 @@ IN_EPISODES: dict[str, Parameter] = _OF["episode"] | _PARAMETERS
 IN_EPISODES |= {name: OF_CABLES[name] for name in ("break_away", "wrap")}
 """Variables that may change from episode to episode of one compiled model."""
 
-WRITTEN = frozenset(_PARAMETERS.keys() | _OF["cable"].keys() | _OF["design"].keys()) - {
-    "segments",
-    "motor_radius",
-    "joint_radius",
-}
+WRITTEN = frozenset({*_PARAMETERS, *_SHARED})
 """Variables that change nothing of a compiled model but numbers of its cables."""
 
 VALUES: dict[str, Parameter] = VARIABLES | IN_EPISODES

@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -36,6 +36,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.hardware import Limits, TorqueTable, drive_of
+from cc_mujoco.report import table
 from rig.guides import GUIDES
 from rig.nominal import Rig, make_rig
 
@@ -264,14 +265,42 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
     return {"controller": name, "effect": world, "seed": seed, **found}
 
 
+def over_fixed(records: Sequence[Mapping[str, Any]], world: str, name: str) -> str:
+    """Return the geometric mean, over seeds, of the error over that of `fixed`.
+
+    Only seeds that both finished count; "-" without one.
+    """
+    errors = {
+        (r["controller"], r["seed"]): math.log(r["rms"])
+        for r in records
+        if r["effect"] == world and math.isfinite(r["rms"])
+    }
+    ratios = [
+        error - errors["fixed", seed]
+        for (variant, seed), error in errors.items()
+        if variant == name and ("fixed", seed) in errors
+    ]
+    return f"{math.exp(np.mean(ratios)):.2f}" if ratios else "-"
+
+
+def compared(records: list[Mapping[str, Any]], names: Sequence[str]) -> str:
+    """Return a table of means, and one of errors over those of a fixed model."""
+    rows = [
+        (world, *(over_fixed(records, world, name) for name in names))
+        for world in WORLDS
+    ]
+    over = table(("error over `fixed`", *names), rows)
+    return f"{summary(records, names)}\n\n{over}"
+
+
 def main(
     seeds: tuple[int, ...] = SEEDS,
     variants: tuple[Literal[VARIANTS], ...] = VARIANTS,
     out: Path = Path("runs", "self_tuning"),
 ) -> None:
     cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
-    table = partial(summary, names=variants)
-    complete(out, ("controller", "effect", "seed"), cases, played, table)
+    shown = partial(compared, names=variants)
+    complete(out, ("controller", "effect", "seed"), cases, played, shown)
 
 
 if __name__ == "__main__":

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from cc_mujoco import Plant
-from cc_mujoco.cable._cable import MAX_SEGMENTS
+from cc_mujoco.cable._cable import MAX_SEGMENTS, PARAMETERS
 from cc_mujoco.design._scenarios import Across
 from cc_mujoco.device import VARIABLES, Nominal, load_device
+from cc_mujoco.device._variables import WRITTEN
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Pace, Profile
 
@@ -104,3 +106,33 @@ def test_an_axis_may_have_the_name_of_its_cable() -> None:
 
 def test_segments_of_a_design_are_those_of_a_cable() -> None:
     assert VARIABLES["segments"].high == MAX_SEGMENTS
+
+
+WHERE_POSSIBLE = {
+    "break_away": 2.0,
+    "strength": 30.0,
+    "material": "steel_ptfe",
+    "material_friction": "low",
+}
+"""Values of the variables that do not admit 0.02."""
+
+
+def test_designs_share_a_model_only_if_all_of_it_but_the_cables_is_equal() -> None:
+    def arrays(name: str) -> dict[str, np.ndarray]:
+        chosen = {name: WHERE_POSSIBLE.get(name, 0.02)} if name else {}
+        if name == "material_friction":
+            chosen["material"] = WHERE_POSSIBLE["material"]
+        model = Plant("wrist", chosen).model()
+        found = {key: getattr(model, key) for key in dir(model)}
+        return {
+            key: value
+            for key, value in found.items()
+            if isinstance(value, np.ndarray) and not key.startswith(("plugin_", "_"))
+        }
+
+    usual = arrays("")
+    for name in WRITTEN - {parameter.name for parameter in PARAMETERS}:
+        for key, value in arrays(name).items():
+            np.testing.assert_array_equal(value, usual[key], f"{name}: {key}")
+    other = arrays("joint_radius")
+    assert not np.array_equal(other["actuator_gear"], usual["actuator_gear"])

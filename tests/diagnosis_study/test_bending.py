@@ -76,3 +76,16 @@ def test_a_task_is_the_same_again_and_follows_what_is_asked_for(
     assert name in VARIANTS and record["outcome"] == "the 0.9 s are over."
     assert 0.0 < record["rms"] < 1.0
     assert self_tuning.played(name, "path", 1) == record
+
+
+def test_errors_are_compared_by_geometric_means_over_seeds_that_both_finished() -> None:
+    errors = {"fixed": (1.0, 2.0, 4.0), "bend": (2.0, 1.0, np.nan), "pi": (np.nan,) * 3}
+    records = [
+        {"controller": name, "effect": "path", "seed": seed, "rms": error}
+        for name, own in errors.items()
+        for seed, error in enumerate(own)
+    ]
+    shown = [self_tuning.over_fixed(records, "path", name) for name in errors]
+    assert shown == ["1.00", "1.00", "-"]
+    records[4]["rms"] = 4.0
+    assert self_tuning.over_fixed(records, "path", "bend") == "2.00"

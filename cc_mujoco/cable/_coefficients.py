@@ -42,7 +42,6 @@ def write_coefficients(
         return
     values = at.scalars(prm)
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
-    asymmetry = values[PLACE.friction_asymmetry]
     guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
@@ -69,12 +68,9 @@ def write_coefficients(
         coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
         holding = resting
         if is_state_dependent:
-            factor = drift * law.load_factor(values, mean)
-            extra = values[PLACE.ageing_friction] * ages[j]
-            holding = factor * (holding + extra)
-            # Without memory the first slip renews the contacts.
-            extra = extra if values[PLACE.critical_slip_distance] > 0.0 else 0.0
-            coefficient = factor * (coefficient + extra)
+            coefficient, holding = law.changed_coefficients(
+                values, coefficient, resting, drift, mean, ages[j]
+            )
         growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
         if is_state_dependent:
             distal_hold = proximal_hold = growth[j]
@@ -82,8 +78,9 @@ def write_coefficients(
                 distal_hold = proximal_hold = law.ratio(holding, angle)
         drag[j] = law.drag(values, length[j], growth[j], j, guided)
         viscosity[j] = law.viscosity(values, length[j], growth[j], guess[j], dt)
-        if asymmetry != 0.0:
-            distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
+        if values[PLACE.friction_asymmetry] != 0.0:
+            distal = law.direction_factor(values, 1.0)
+            proximal = law.direction_factor(values, -1.0)
             growth[j] = law.ratio(coefficient * distal, angle)
             growth_proximal[j] = law.ratio(coefficient * proximal, angle)
             distal_hold, proximal_hold = growth[j], growth_proximal[j]

@@ -250,13 +250,36 @@ def wrap_factor(
 
 
 @internal
-def load_factor(values: FloatArray, mean: float) -> float:
+def _load_factor(values: FloatArray, mean: float) -> float:
     """Return the factor on friction of a segment at its `mean` tension [N]."""
     exponent: float = values[PLACE.tension_exponent]
     if exponent == 0.0:
         return 1.0
     load = max(mean / values[PLACE.pretension], 0.01)
     return float(load**exponent)
+
+
+@internal
+def changed_coefficients(
+    values: FloatArray, moving: float, resting: float, drift: float, mean: float,
+    age: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return friction coefficients of slip and at rest, changed by time, load and age.
+
+    `moving` and `resting` are those without, `drift` is the `drift_factor`, `mean` the
+    tension [N], `age` that of `age_after_step`.
+    """
+    factor = drift * _load_factor(values, mean)
+    aged = values[PLACE.ageing_friction] * age
+    # Without memory the first slip renews the contacts.
+    kept = aged if values[PLACE.critical_slip_distance] > 0.0 else 0.0
+    return factor * (moving + kept), factor * (resting + aged)
+
+
+@internal
+def direction_factor(values: FloatArray, sense: float) -> float:
+    """Return the factor on friction of slip in a sense, 1 towards distal, else -1."""
+    return float(1.0 - sense * values[PLACE.friction_asymmetry])
 
 
 @internal

@@ -68,24 +68,27 @@ def _friction(slip: _Slip, j: int, ends: float) -> tuple[float, float, float]:
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
     if prm[at.CONSTANT_COULOMB] != 0.0:
         # Exponentials that would otherwise be computed for every segment.
-        growth = at.constant_growth(prm, n)[j]
-        constant_drag = law.drag(values, length, growth, j, n)
-        return growth, constant_drag, at.constant_hold(prm, n)[j]
+        ratio, drag = at.constant_growth(prm, n)[j], at.constant_drag(prm, n)[j]
+        return ratio, drag, at.constant_hold(prm, n)[j]
     node, slipped = at.tensions(state, n), at.slips(state, n)[j]
     angle = at.segment_angles(prm, n)[j] * law.wrap_factor(
         values, state[at.TRAVEL], ends - length, ends, prm[at.LENGTH]
     )
-    factor = law.load_factor(values, 0.5 * (max(node[j], 0.0) + max(node[j + 1], 0.0)))
-    factor *= law.drift_factor(values, state[at.TIME], state[at.HEAT])
-    factor *= 1.0 - sense * values[PLACE.friction_asymmetry]
-    aged = values[PLACE.ageing_friction] * at.contact_ages(state, n)[j]
     slipped = abs(slipped) if slipped * sense > 0.0 else 0.0
-    moving = law.kinetic_coefficient(values, slipped, abs(speed))
-    growth = law.ratio(factor * (moving + aged), angle)
-    hold = law.ratio(factor * (law.holding_coefficient(values) + aged), angle)
+    moving, resting = law.changed_coefficients(
+        values, law.kinetic_coefficient(values, slipped, abs(speed)),
+        law.holding_coefficient(values),
+        law.drift_factor(values, state[at.TIME], state[at.HEAT]),
+        0.5 * (max(node[j], 0.0) + max(node[j + 1], 0.0)), at.contact_ages(state, n)[j],
+    )  # fmt: skip
+    # As in the kernel, drag is that of the mean growth of both directions.
+    growth = law.ratio(moving, angle)
     drag = law.drag(values, length, growth, j, n)
     drag += sense * speed * law.viscosity(values, length, growth, abs(speed), 1.0)
-    return growth, drag, hold
+    way = law.direction_factor(values, sense)
+    if way != 1.0:
+        growth = law.ratio(moving * way, angle)
+    return growth, drag, law.ratio(resting * way, angle)
 
 
 @compiled

@@ -246,7 +246,7 @@ def _number(value: object) -> float:
     return math.nan if value is None else float(str(value))
 
 
-MAX_CHECKED_DESIGNS = 6  # designs that are tried at most
+MAX_CHECKED_DESIGNS = 6  # designs that are tried at most, besides the best
 TOLERATED_CHANGE = 0.05  # change of a number that is not worth a word
 MIN_RANGE_SHARE = 0.05
 """Least size of a number for relative changes, as a share of all designs' range."""

@@ -452,7 +452,12 @@ class Plant:
         if body == Body():
             return
         for name, share in Body.SEGMENTS.items():
-            part = spec.body(name)
+            if (part := spec.body(name)) is None:
+                raise CableError(
+                    "variables 'body_mass' and 'leg_length' scale the bodies "
+                    f"{', '.join(Body.SEGMENTS)} of a leg, but the scene "
+                    f"{self.description.scene!r} has no body {name!r}."
+                )
             limb, place = share * Body.mass, np.array(part.ipos)
             worn, limb_now = part.mass - limb, body.heavier * limb
             spread = np.array(part.inertia) / part.mass

@@ -78,7 +78,9 @@ def require_scene(device: Description, names: Collection[str]) -> None:
         walks = device.trajectory == "walk"
         if name in names and not (walks if name in WALKER else helped_axis(device)):
             what = "walks" if name in WALKER else "is helped in push-off"
-            scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
+            scenes = (
+                "'ankle', 'bilateral' and 'exosuit'" if name in WALKER else "'ankle'"
+            )
             raise CableError(
                 f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
                 f"the scene is {device.scene!r}."

@@ -268,6 +268,7 @@ def test_strides_are_measured_only_where_they_are_asked_for() -> None:
     [
         ("wrist", {"gait_speed": "1"}, {}, "needs a wearer who walks, as in 'ankle'"),
         ("finger", {"fall": "5"}, {}, "who is helped in push-off, as in 'ankle', but"),
+        ("bilateral", {"body_mass": "90"}, {}, "of a leg, but .* no body 'thigh'"),
         ("exosuit", {"fall": "20"}, {}, "`fall` must be at most 12.6 %"),
         ("ankle", {"gait_speed": "0.7"}, {}, r"must be a number in \[0.8, 1.6\] m/s"),
         ("ankle", {"gait_speed": "1"}, {"trajectory": "sine"}, "the study plays 'sin"),

@@ -173,7 +173,9 @@ def carry(
         changed = changed or taken != longer[i] or loose != length[i]
         longer[i], length[i] = taken, loose
         if i == 0 or i == n:
-            prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL] = ratio
+            # A slack node is taken as when it becomes taut, and so is its spring.
+            taut = 1.0 if tension[i] < 0.0 else ratio
+            prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL] = taut
             nodes.set_node(prm, n, i)
         else:
             own = loose * soft

@@ -3,9 +3,11 @@ r"""Motor torque that makes a desired joint torque through friction, compiled.
 The distal tension of a single cable follows from the desired torque. Two that pull
 against each other can only exchange length with the motor: with the arms \(f_i\)
 at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch of cable
-i and \(s_i^0\) that of the pretension. While a cable slips as a whole its stretch is in
-proportion to its distal tension, so the torque follows from that one number, piecewise
-linearly: a cable that would have to push is slack instead.
+i and \(s_i^0\) that of the pretension. Where creep, an elasticity that is not linear or
+a pulley that is not round changes what belongs to it, \(s_i^0\) is the present stretch.
+While a cable slips as a whole its stretch is in proportion to its distal tension, so
+the torque follows from that one number, piecewise linearly: a cable that would have to
+push is slack instead.
 """
 
 from __future__ import annotations
@@ -14,9 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco.cable import _eccentric as eccentric
+from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import PLACE
+from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.cable._stepper import Cables
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
@@ -100,16 +106,26 @@ def has_drag(prm: FloatArray) -> bool:
 
 
 @internal
-def _stretches(slip: _Slip) -> tuple[float, float, float]:
-    """Return stretches at pretension [m], per distal tension [m/N], and at none [m].
+def _starts_at_present(cables: Cables) -> bool:
+    """Return whether stiffness and pretension do not tell the stretch of cables."""
+    for k in range(cables.n.size):
+        prm = cables.prm[k]
+        if nodes.is_curved(prm) or loses_stretch(prm) or not eccentric.is_round(prm):
+            return True
+    return False
+
+
+@internal
+def _stretches(slip: _Slip, present: bool) -> tuple[float, float, float]:
+    """Return stretches at the start [m], per distal tension [m/N], and at none [m].
 
     The second and third are those of the slipping cable; the third is that of its drag.
+    The start is the pretension, or the `present` state, with its compliance.
     """
-    prm, n, _, sense, _ = slip
-    stiffness = at.node_stiffness(prm, n)
+    prm, n, state, sense, _ = slip
     length = at.contact_length(prm, n)
     ends = at.total(length)
-    level, offset, rest, unit, none = 1.0, 0.0, 0.0, 0.0, 0.0
+    level, offset, start, unit, none = 1.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n + 1):
         j = n - i
         if i > 0 and sense != 0.0:
@@ -119,10 +135,14 @@ def _stretches(slip: _Slip) -> tuple[float, float, float]:
                 level, offset = level * growth, offset * growth + drag
             else:
                 level, offset = level / growth, (offset - drag) / growth
-        rest += prm[PLACE.pretension] / stiffness[j]
-        unit += level / stiffness[j]
-        none += offset / stiffness[j]
-    return rest, unit, none
+        tension, stiffness = prm[PLACE.pretension], at.node_stiffness(prm, n)[j]
+        if present:
+            tension, own = at.tensions(state, n)[j], nodes.piece_now(prm, n, state, j)
+            stiffness = 1.0 / elastic.compliance_at(own, tension)
+        start += tension / stiffness
+        unit += level / stiffness
+        none += offset / stiffness
+    return start, unit, none
 
 
 @internal
@@ -137,28 +157,28 @@ def _shared_tensions(
     """
     n, distal, scratch = model.cables.n, model.cables.distal, model.scratch
     share, taut = scratch[0], scratch[1]
-    rest, unit, none = scratch[3], scratch[4], scratch[5]
+    start, unit, none = scratch[3], scratch[4], scratch[5]
     if n.size == 1:
         share[0] = max(-desired / distal[0], 0.0)
         return
     taut[:] = 1.0
+    present = _starts_at_present(model.cables)
     for k in range(n.size):
-        rest[k], unit[k], none[k] = _stretches(
-            _slip(model, k, direction[k], joint_velocity)
-        )
+        slip = _slip(model, k, direction[k], joint_velocity)
+        start[k], unit[k], none[k] = _stretches(slip, present)
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
         constant, slope = 0.0, 0.0
         for k in range(n.size):
             if taut[k] != 0.0:
-                constant -= distal[k] * (rest[k] - none[k]) / unit[k]
+                constant -= distal[k] * (start[k] - none[k]) / unit[k]
                 slope -= distal[k] ** 2 / unit[k]
         if slope == 0.0:
             break
         angle = (desired - constant) / slope
         again = False
         for k in range(n.size):
-            tension = (rest[k] - none[k] + distal[k] * angle) / unit[k]
+            tension = (start[k] - none[k] + distal[k] * angle) / unit[k]
             share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
             if taut[k] != 0.0 and tension < 0.0:
                 taut[k], again = 0.0, True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from cable.terms_on import TERMS_ON
@@ -11,7 +12,7 @@ from cc_mujoco.cable import Cable, Conduit
 from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.control import CableModel
 from cc_mujoco.control import _compensation as compensation
-from control.devices import cable, single
+from control.devices import cable, pull_pull, single
 
 PERIOD, SPEED = 1e-3, 0.05  # [s], of the cable at the motor [m/s]
 GUIDED = [name for name, term in TERMS.items() if term.acts_on != "pulley"]
@@ -21,7 +22,7 @@ COEFFICIENT = [name for name in GUIDED if TERMS[name].acts_on == "coefficient"]
 
 def on(name: str) -> dict[str, float]:
     """Return a term at the size of the first case that has it."""
-    sized = {"friction": 0.2}
+    sized = {"friction": 0.2, "eccentricity": 2e-3, "ovality": 5e-4}
     cases = [{name: sized[name]}] if name in sized else list(TERMS_ON.values())
     return next(case for case in cases if name in case)
 
@@ -80,6 +81,29 @@ def test_drag_adds_to_friction_as_in_the_cable(name: str) -> None:
             exact = "rate" not in TERMS[drag].depends_on
             assert slip == pytest.approx(right, rel=1e-9 if exact else 5e-3)
             assert dynamic == pytest.approx(right, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_law_knows_the_tensions_of_two_cables_that_slide(name: str) -> None:
+    """With a torque at the joint, and an elasticity that a line does not tell."""
+    drive, torque = pull_pull(), -1.0
+    cables = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(**on(name)))
+        for one in drive.cables
+    )
+    for way in (1.0, -1.0):
+        model, before = CableModel(dataclasses.replace(drive, cables=cables)), 0.0
+        for i in range(600):
+            before = model.joint[0]
+            model.follow(way * SPEED / 0.1 * PERIOD * i, torque)
+        speed, right = (model.joint[0] - before) / PERIOD, model.motor_torque()[0]
+        (one,) = model.models
+        assert np.abs(one.direction).tolist() == [1.0, 1.0]
+        for found in (
+            compensation.dynamic(one, speed, torque),
+            compensation.full_slip_torque(one, way, speed, torque),
+        ):
+            assert found == pytest.approx(right, abs=1e-3)
 
 
 @pytest.mark.parametrize("case", ("kinetic", "weakening", "ageing", "ageing at once"))

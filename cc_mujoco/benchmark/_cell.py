@@ -306,7 +306,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 
 
 def _cut_shares(law: Controller) -> list[float]:
-    """Return the share of an entry's torques that were cut, by plant; else []."""
+    """Return the share of torques that were cut, by plant; [] of a built-in law."""
     entries = law.laws if isinstance(law, PlantsController) else [law]
     return [
         float(count) / max(one.calls, 1)

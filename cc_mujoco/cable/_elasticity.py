@@ -153,7 +153,7 @@ def stretch_of(piece: Piece, tension: float) -> float:
 
 @internal
 def given_way(piece: Piece, tension: float) -> float:
-    """Return the part of the stretch that is of no rope [m]: clearance and spring."""
+    """Return the displacement in clearance and end spring at a tension [m]."""
     if tension <= 0.0:
         return tension * (piece.clearance / piece.seating + piece.spring)
     play = piece.clearance * tension / (tension + piece.seating)

@@ -388,7 +388,7 @@ def repeat_slip(
     node: FloatArray,
     work: FloatArray,
 ) -> bool:
-    """Solve a step in which the segments of the last one slip, the same way.
+    """Solve a step in which the same segments slip as in the last, in its direction.
 
     Return whether that is the solution: all of them go on, all others are held, and no
     node is slack. The tensions before the step may be any. Arguments and results are

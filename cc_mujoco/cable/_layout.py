@@ -179,13 +179,13 @@ def carried_cable(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def clearance_factors(prm: FloatArray, n: int) -> FloatArray:
-    """Return the clearance of every segment by that of the cable (n,)."""
+    """Return the clearance of every segment over the cable's (n,)."""
     return prm[_ROWS_START + 12 * n + 4 : _ROWS_START + 13 * n + 4]
 
 
 @compiled
 def seating_factors(prm: FloatArray, n: int) -> FloatArray:
-    """Return the seating tension of every segment by that of the cable (n,)."""
+    """Return the seating tension of every segment over the cable's (n,)."""
     return prm[_ROWS_START + 13 * n + 4 : _ROWS_START + 14 * n + 4]
 
 

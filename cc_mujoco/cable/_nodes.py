@@ -74,7 +74,7 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
 
 @internal
 def given_way(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Return the stretch at node i that is of no rope [m]: end springs and clearance.
+    """Return the displacement in end springs and clearance at node i [m].
 
     Its end spring is that before the step.
     """

@@ -433,7 +433,7 @@ def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) 
 
 @internal
 def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
-    """Keep the angles of a conduit that the route bends in the path to be saved."""
+    """Copy the angles of `guided` segments to the row that is saved with the state."""
     kept, angle = _row(shape, n, _BEND), angles(shape, n)
     for j in range(guided):
         kept[j] = angle[j]
@@ -441,7 +441,7 @@ def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
 
 @internal
 def bends_of(shape: FloatArray, n: int) -> FloatArray:
-    """Return the remembered angles of segments in a conduit [rad], 0 if it is fixed."""
+    """Return the saved angles of segments (n,) [rad], 0 where the conduit is fixed."""
     return _row(shape, n, _BEND)
 
 

@@ -93,7 +93,7 @@ def fit_soft_end(
 def _rising(
     what: str, extension: ArrayLike, force: ArrayLike, way: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a curve in the order in which it rises; `way` is -1 where it falls."""
+    """Return checked extensions and forces in rising order; `way` -1 reverses them."""
     up, pull = numbers("extension", extension), numbers("force", force)
     if up.ndim != 1 or up.shape != pull.shape or up.size < 4:
         raise CableError(f"a {what} curve is two arrays of 4 or more numbers each")

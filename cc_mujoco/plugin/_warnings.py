@@ -517,7 +517,7 @@ def checksum(positions: FloatArray) -> float:
 
 @internal
 def note_position(model: MjModel, data: MjData, lead: Block) -> None:
-    """Keep the checksum of `qpos` for all cables of a model."""
+    """Store the checksum of `qpos` and its scale in the block of the first cable."""
     positions = data.qpos[: model.nq]
     lead.position_size = 1.0
     for k in range(positions.size):
@@ -527,7 +527,7 @@ def note_position(model: MjModel, data: MjData, lead: Block) -> None:
 
 @internal
 def position_changed(lead: Block, led: float) -> bool:
-    """Return whether `qpos` has another `checksum` than `led`, but for rounding."""
+    """Return whether the checksum of `qpos` left `led` by more than rounding."""
     # Rounding makes a smaller difference.
     return not abs(lead.position - led) <= 1e-9 * lead.position_size
 

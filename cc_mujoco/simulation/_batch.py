@@ -55,7 +55,7 @@ class Worlds(Protocol):
         """Clear the warnings of these simulations; call `start` for each next."""
 
     def vary(self, row: int, plant: Plant) -> None:
-        """Set what defines a plant in a simulation as its device's model has it."""
+        """Copy the wearer and cables of a plant into the model of a simulation."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
         """Bring a simulation to the start of an episode with this wearer's script."""
@@ -104,7 +104,7 @@ class Simulations:
         self._copy(row, "plugin_attr", "actuator_gainprm", "actuator_biasprm")
 
     def _copy(self, row: int, *fields: str) -> None:
-        """Give a simulation these fields of the model that defines its plant."""
+        """Copy fields of the device's model to the model of a simulation."""
         for name in fields:
             self.batch.expand(name)[row] = getattr(self._device.model, name)
 

@@ -340,7 +340,7 @@ def _along(
     moments: Moments, world: int, actuator: int, lever: float,
     vector: wp.array2d(dtype=float),
 ):  # fmt: skip
-    """Return an end's moment times `lever`, multiplied by a vector (worlds, nv)."""
+    """Return the product of an actuator's moment, times `lever`, with a vector."""
     total = float(0.0)
     for i in range(moments.moment_rownnz[world, actuator]):
         k = moments.moment_rowadr[world, actuator] + i

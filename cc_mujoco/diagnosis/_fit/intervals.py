@@ -345,7 +345,7 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return, for each residual (data,), the number of its part of the data.
+    """Return the index of the part of the data that each residual is of (data,).
 
     A part is a group of repeats or, of few groups, a piece of a record.
     """

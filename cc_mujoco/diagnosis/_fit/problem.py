@@ -759,7 +759,7 @@ def whole_gap(
 def _gap_sums(
     problem: Problem, before: Arrays, after: Arrays, division: Folds
 ) -> dict[str, FloatArray]:
-    """Return squares by block and channel, (blocks, 4) as `_gap_of_sums` takes them."""
+    """Return sums of squares (blocks, 4) by channel, for `_gap_of_sums`."""
     records, found = problem.plant.records, {}
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]

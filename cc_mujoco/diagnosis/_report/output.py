@@ -428,7 +428,7 @@ def _written_scene(result: DiagnosisResult, path: Path) -> list[str]:
 
 
 def carry_description(scene: Path, repaired: Path) -> None:
-    """Write the description that a scene has beside the repaired one, if none is there.
+    """Write the scene's description beside the repaired scene, if none is there.
 
     Without it the repaired scene would have other limits, such as its safe torque.
     """

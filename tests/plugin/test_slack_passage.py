@@ -22,6 +22,7 @@ LAWS: tuple[dict[str, float], ...] = (
     {"load_independent_friction": 1.0},
     {"bedding_strain": 2e-3, "bedding_tension": 5.0},
     {"end_compliance": 1e-4, "proximal_compliance": 1e-4},
+    {"end_compliance": 3e-4, "end_hardening": 0.01, "end_loss": 0.45},
 )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,9 +21,20 @@ from cc_mujoco.device._derivation import UNITS
 from cc_mujoco.device._description import ASSUMED, GIVEN, SCENE, Axis
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError
 
 ORIGINS = {GIVEN: "given", SCENE: "from the scene", ASSUMED: "assumed"}
+SENSORS = {
+    "torque_noise": ("N m", "standard deviation of the joint torque sensor"),
+    "tension_noise": ("N", "standard deviation of every tension sensor"),
+    "motor_steps": ("", "steps of the motor's encoder in a turn, 0 is exact"),
+    "joint_steps": ("", "steps of the joint's encoder in a turn, 0 is exact"),
+    "cutoff": ("Hz", "of the low-pass of both velocities"),
+    "delay": ("", "control steps by which measurements are late"),
+    "joint_sensor": ("", "false: controllers read no angle, torque or tension there"),
+}
+"""Unit and meaning of the fields of `Sensing`."""
 IMPEDANCE = (("stiffness", "N m/rad"), ("damping", "N m s/rad"))
 
 
@@ -64,16 +76,9 @@ def properties(device: Device) -> Iterator[Property]:
         yield top("root", held, "", "body on a free joint: held or free")
     yield top("strength", found.strength, "N", "breaking load of a cable", "rope")
     yield top("diameter", found.diameter, "m", "of a cable", "rope")
-    for key, unit, meaning in (
-        ("torque_noise", "N m", "standard deviation of the joint torque sensor"),
-        ("tension_noise", "N", "standard deviation of every tension sensor"),
-        ("motor_steps", "", "steps of the motor's encoder in a turn, 0 is exact"),
-        ("joint_steps", "", "steps of the joint's encoder in a turn, 0 is exact"),
-        ("cutoff", "Hz", "of the low-pass of both velocities"),
-        ("delay", "", "control steps by which measurements are late"),
-    ):
+    for key in (field.name for field in fields(Sensing)):
         value, where = getattr(found.sensing, key), origin(f"sensors.{key}", ASSUMED)
-        yield Property("sensors", key, value, unit, meaning, where)
+        yield Property("sensors", key, value, *SENSORS[key], where)
     several = len(found.axes) > 1
     for axis in found.axes:
         yield from _axis_properties(device, axis, several)

@@ -204,6 +204,14 @@ def test_a_bad_key_of_a_cable_is_one_sentence_once(
 
 def test_a_written_description_reads_as_the_same_device(tmp_path: Path) -> None:
     path = knee(tmp_path)
+    (tmp_path / "own.toml").write_text(
+        'scene = "knee.xml"\n[sensors]\njoint_sensor = false\n'
+    )
+    before = Device(tmp_path / "own.toml")
+    assert not before.description.sensing.joint_sensor
+    write_description(before, tmp_path / "knee.device.toml")
+    assert Device(path).description.sensing == before.description.sensing
+    (tmp_path / "knee.device.toml").unlink()
     before = Device(path)
     write_description(before, tmp_path / "knee.device.toml")
     assert Device(path).description == before.description

@@ -7,7 +7,8 @@ i and \(s_i^0\) that of the pretension. Where creep, an elasticity that is not l
 a pulley that is not round changes what belongs to it, \(s_i^0\) is the present stretch.
 While a cable slips as a whole its stretch is in proportion to its distal tension, so
 the torque follows from that one number, piecewise linearly: a cable that would have to
-push is slack instead.
+push is slack instead. One that is slack at the motor, and pulls since its drag keeps it
+from being paid out, keeps the tension that it has.
 """
 
 from __future__ import annotations
@@ -161,14 +162,18 @@ def _shared_tensions(
     if n.size == 1:
         share[0] = max(-desired / distal[0], 0.0)
         return
-    taut[:] = 1.0
-    present = _starts_at_present(model.cables)
+    present, held = _starts_at_present(model.cables), 0.0
     for k in range(n.size):
         slip = _slip(model, k, direction[k], joint_velocity)
         start[k], unit[k], none[k] = _stretches(slip, present)
+        taut[k], share[k], node = 1.0, 0.0, at.tensions(slip.state, slip.n)
+        if direction[k] > 0.0 and node[0] <= 0.0 and has_drag(slip.prm):
+            # The motor pays out slack, and drag holds the rest.
+            taut[k], share[k] = 0.0, max(node[slip.n], 0.0)
+            held -= distal[k] * share[k]
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
-        constant, slope = 0.0, 0.0
+        constant, slope = held, 0.0
         for k in range(n.size):
             if taut[k] != 0.0:
                 constant -= distal[k] * (start[k] - none[k]) / unit[k]
@@ -178,10 +183,11 @@ def _shared_tensions(
         angle = (desired - constant) / slope
         again = False
         for k in range(n.size):
-            tension = (start[k] - none[k] + distal[k] * angle) / unit[k]
-            share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
-            if taut[k] != 0.0 and tension < 0.0:
-                taut[k], again = 0.0, True
+            if taut[k] != 0.0:
+                tension = (start[k] - none[k] + distal[k] * angle) / unit[k]
+                share[k] = max(tension, 0.0)
+                if tension < 0.0:
+                    taut[k], again = 0.0, True
         if not again:
             break
 

@@ -83,27 +83,51 @@ def test_drag_adds_to_friction_as_in_the_cable(name: str) -> None:
             assert dynamic == pytest.approx(right, rel=5e-3)
 
 
-@pytest.mark.parametrize("name", TERMS)
-def test_a_law_knows_the_tensions_of_two_cables_that_slide(name: str) -> None:
-    """With a torque at the joint, and an elasticity that a line does not tell."""
+def wind(way: float, **terms: float) -> tuple[float, float, float]:
+    """Return what both laws expect of two sliding cables, and their torque [N m]."""
     drive, torque = pull_pull(), -1.0
     cables = tuple(
-        dataclasses.replace(one, cable=one.cable.replace(**on(name)))
+        dataclasses.replace(one, cable=one.cable.replace(**terms))
         for one in drive.cables
     )
+    model, before = CableModel(dataclasses.replace(drive, cables=cables)), 0.0
+    for i in range(600):
+        before = model.joint[0]
+        model.follow(way * SPEED / 0.1 * PERIOD * i, torque)
+    (one,) = model.models
+    assert np.abs(one.direction).tolist() == [1.0, 1.0]
+    speed = (model.joint[0] - before) / PERIOD
+    return (
+        compensation.dynamic(one, speed, torque),
+        compensation.full_slip_torque(one, way, speed, torque),
+        model.motor_torque()[0],
+    )
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_law_knows_the_tensions_of_two_cables_that_slide(name: str) -> None:
+    """With a torque at the joint, and an elasticity that is not linear."""
     for way in (1.0, -1.0):
-        model, before = CableModel(dataclasses.replace(drive, cables=cables)), 0.0
-        for i in range(600):
-            before = model.joint[0]
-            model.follow(way * SPEED / 0.1 * PERIOD * i, torque)
-        speed, right = (model.joint[0] - before) / PERIOD, model.motor_torque()[0]
-        (one,) = model.models
-        assert np.abs(one.direction).tolist() == [1.0, 1.0]
-        for found in (
-            compensation.dynamic(one, speed, torque),
-            compensation.full_slip_torque(one, way, speed, torque),
-        ):
-            assert found == pytest.approx(right, abs=1e-3)
+        *expected, right = wind(way, **on(name))
+        assert expected == pytest.approx([right] * 2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    (
+        {"load_independent_friction": 5.0},
+        {"seal_proximal": 12.0},
+        {"grease_drag": 40.0},
+        TERMS_ON["all"],
+    ),
+    ids=("load independent", "seal", "grease", "all"),
+)
+def test_a_law_knows_a_pull_that_drag_keeps_from_the_motor(
+    terms: dict[str, float],
+) -> None:
+    """The cable paid out hangs slack at the motor; others follow to the speed of slip."""
+    *expected, right = wind(-1.0, **terms)
+    assert expected == pytest.approx([right] * 2, rel=1e-2)
 
 
 @pytest.mark.parametrize("case", ("kinetic", "weakening", "ageing", "ageing at once"))

@@ -125,7 +125,7 @@ def test_a_law_knows_the_tensions_of_two_cables_that_slide(name: str) -> None:
 def test_a_law_knows_a_pull_that_drag_keeps_from_the_motor(
     terms: dict[str, float],
 ) -> None:
-    """The cable paid out hangs slack at the motor; others follow to the speed of slip."""
+    """The cable paid out is slack at the motor; grease follows the speed of slip."""
     *expected, right = wind(-1.0, **terms)
     assert expected == pytest.approx([right] * 2, rel=1e-2)
 

@@ -42,9 +42,10 @@ class BacklashInverse(_KnownMotor):
     the angle that would do so without friction, \(\rho (\theta_j + \tau_d / k)\); noise
     does not reverse it. At a reversal the wanted angle jumps across the backlash. The
     motor follows it by a position loop, with the torque of the cables fed forward, and
-    an integral of the torque error shifts the angle. This is the inverse of a cable
-    transmission of T. Do et al., "Hysteresis modeling and position control of
-    tendon-sheath mechanism", Mechatronics 24, 2014, applied to a torque.
+    an integral of the torque error shifts the angle, which makes up for friction other
+    than `Cable.friction`, too. This is the inverse of a cable transmission of T. Do et
+    al., "Hysteresis modeling and position control of tendon-sheath mechanism",
+    Mechatronics 24, 2014, applied to a torque.
     """
 
     stepped = SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)

@@ -294,6 +294,7 @@ class FrictionFeedForward(TunedFeedback):
     \rho\). The sense of the slip is the hyperbolic tangent of the speed \(\dot\theta_j
     + \dot\tau_d / k\) that the motor has to follow, over 0.3 rad/s: it is 0 at rest, so
     the motor does not chatter there. More friction would make a light winch oscillate.
+    `friction` is all that it knows of friction; the rest is left to the feedback.
     """
 
     stepped = TunedFeedback.stepped

@@ -197,10 +197,11 @@ def joint_stiffness(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> 
         over = float(np.max(shares * (give / give[-1] - 1.0)))
         if over > _MAX_OVERRATED:
             warnings.warn(
-                "controllers and their guards take cables for linear springs, but "
-                "`clearance` or springs at its ends make one so much softer slack than "
-                f"taut that they overrate its tension by up to {over * largest:.3g} of "
-                f"{largest:.3g} N; they may let go of the joint at once.",
+                "controllers take cables for linear springs, guards all but ends that "
+                "harden, but `clearance` or springs at its ends make one so much "
+                "softer slack than taut that they overrate its tension by up to "
+                f"{over * largest:.3g} of {largest:.3g} N; they may let go of the "
+                "joint at once.",
                 CableWarning,
                 stacklevel=2,
             )
@@ -213,7 +214,9 @@ def joint_spring(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> Flo
     for one in cables:
         sections = np.array(one.cable.conduit, dtype=float)
         add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
-    spring[guard.STIFFNESS] = joint_stiffness(cables, limits) if cables else 0.0
+    if cables:
+        joint_stiffness(cables, limits)  # warns
+        set_stiffness(stepper_cables(cables), guard.largest_torque(limits), spring)
     return spring
 
 
@@ -252,13 +255,49 @@ def stiffness(cables: stepper.Cables, largest: float) -> float:
     """
     total = 0.0
     for k in range(cables.n.size):
-        prm, arm = cables.prm[k], cables.distal[k]
-        soft = soft_compliance(prm, cables.n[k], largest / abs(arm))
-        if soft == 0.0:
-            total += arm**2 * prm[PLACE.axial_stiffness] / prm[LENGTH]
-        else:
-            total += arm**2 / (prm[LENGTH] / prm[PLACE.axial_stiffness] + soft)
+        total += _rigidity(cables, k, largest)
     return total
+
+
+@internal
+def _rigidity(cables: stepper.Cables, k: int, largest: float) -> float:
+    """Return the part of cable `k` in `stiffness` [N m/rad]."""
+    prm, arm = cables.prm[k], cables.distal[k]
+    soft = soft_compliance(prm, cables.n[k], largest / abs(arm))
+    if soft == 0.0:
+        return float(arm**2 * prm[PLACE.axial_stiffness] / prm[LENGTH])
+    return float(arm**2 / (prm[LENGTH] / prm[PLACE.axial_stiffness] + soft))
+
+
+@compiled
+def set_stiffness(cables: stepper.Cables, largest: float, spring: FloatArray) -> None:
+    """Set the `stiffness` of a spring, and its ends that harden or lose work.
+
+    Cables that turn the joint together have the mean stretch, weighted by the share of
+    the torque that each has at the `largest` [N m].
+    """
+    spring[guard.STIFFNESS] = whole = stiffness(cables, largest)
+    taut, soft, hardening, loss = 0.0, 0.0, 0.0, 0.0
+    for k in range(cables.n.size):
+        prm, arm = cables.prm[k], abs(cables.distal[k])
+        own = _rigidity(cables, k, largest)
+        share, weight = own / whole, (own / whole / arm) ** 2
+        tension = largest / arm
+        taut += share * share / own
+        taut -= weight * nodes.soft_rest_stretch(prm, tension) / tension
+        for end in range(2):
+            if not nodes.is_soft(prm, end):
+                continue
+            hardens, lost = prm[PLACE.end_hardening], prm[PLACE.end_loss]
+            if end == 0:
+                hardens, lost = prm[PLACE.proximal_hardening], prm[PLACE.proximal_loss]
+            give = weight * nodes.spring_compliance(prm, end)
+            soft += give
+            hardening += give * hardens * share / arm
+            loss += give * lost
+    if soft > 0.0:
+        spring[guard.TAUT], spring[guard.SOFT] = taut, soft
+        spring[guard.HARDENING], spring[guard.LOSS] = hardening / soft, loss / soft
 
 
 @compiled

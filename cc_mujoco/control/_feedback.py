@@ -128,9 +128,7 @@ class ProportionalIntegral(SteppedController):
             proportional=self.proportional,
             integral=self.integral,
             settling=self.settling,
-            stiffness=float(self.spring[guard.STIFFNESS]),
-            rest_torque=float(self.spring[guard.REST]),
-            wrap_friction=float(self.spring[guard.FRICTION]),
+            **dict(zip(law_steps.SPRING_GAINS, self.spring.tolist(), strict=True)),
         )
 
     def law_tables(self) -> LawTables:

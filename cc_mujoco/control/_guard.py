@@ -14,7 +14,9 @@ sensor that fails is trusted.
 
 The stretch torque is that of springs whose tension at the joint lies between the values
 of a cable that slips as a whole to either side (`full_slip_balance`). It follows the
-joint between these edges, as a play operator does. A bounded gain, learned from the
+joint between these edges, as a play operator does. Ends that harden and lose work are
+followed by their own law, `cable._elasticity`: a gain learned from a linear spring at a
+small torque would be wrong at a large one. A bounded gain, learned from the
 torque sensor, corrects a wrong stiffness. If the gain falls far below its earlier
 value, it is the sensor that shows too little.
 
@@ -40,6 +42,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT, NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e9, 1e12
@@ -55,6 +58,10 @@ RELEASE_TIME, MAX_DAMPING_SHARE = 0.03, 0.8
 """Time in which a released motor takes the speed of the joint [s]; its greatest damping
 over the one at the edge of stability with its delay.
 """
+
+
+_HALVINGS = 60
+"""Halvings of an interval of stretch until its torque is known to rounding."""
 
 
 class _Thresholds(NamedTuple):
@@ -160,9 +167,11 @@ fast; it follows the joint until a reset, as torque is not measured; it has no t
 until a reset, as an angle is not measured.
 """
 
-STIFFNESS, REST, FRICTION, SPRING_SIZE = range(4)
+STIFFNESS, REST, FRICTION, TAUT, SOFT, HARDENING, LOSS, SPRING_SIZE = range(8)
 """Numbers of a spring: stiffness of all cables at the joint [N m/rad], torque there of
-the pretension of all [N m], friction coefficient times wrap; their number."""
+the pretension of all [N m], friction coefficient times wrap; for ends that harden or
+lose work (else 0) compliance of the rest and, at no torque, of these [rad/(N m)], their
+hardening [1/(N m)] and loss, as in `cable._elasticity`; their number."""
 
 MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
 """Indices of readings, angles [rad], velocities [rad/s], torques [N m]; their count."""
@@ -182,8 +191,9 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
     _TAKEN, _TAKEN_PREDICTED,  # sensor and stretch torque, low-passed as `_GIVEN`
     _LEARNT, _UNSAFE,  # times [s]: stretch learned; torque unsafe lately
     _PROVEN,  # largest proven gain
+    _HELD, _HELD_OTHER,  # T_held of ends that harden, forwards and back [N m]
     _GOOD,  # readings of the last step, as they were used
-) = range(27)  # fmt: skip
+) = range(29)  # fmt: skip
 (
     _JUMPED, _EQUAL,  # by reading: last one a spike; number of equal ones
     _AT, _AT_PREDICTED,  # by reading: both torques when it last changed [N m]
@@ -288,24 +298,87 @@ def _least_share(friction: float) -> float:
     return float(friction / np.expm1(friction)) if friction > 1e-6 else 1.0
 
 
+@internal
+def _soft_pull(
+    spring: FloatArray, sides: float, stretch: float, held: FloatArray, side: int
+) -> float:
+    """Return the torque of the cables of one of `sides`, with ends that harden [N m].
+
+    `held` has T_held of the ends of every side [N m] and is updated.
+    """
+    rest, taut, soft = spring[REST] / sides, sides * spring[TAUT], sides * spring[SOFT]
+    hardening, returned = (
+        sides * spring[HARDENING],
+        elastic.returned_share(spring[LOSS]),
+    )
+    start = elastic.Piece(taut, 0.0, 1.0, 0.0, 1.0, soft, hardening, returned, rest)
+    now = elastic.Piece(taut, 0.0, 1.0, 0.0, 1.0, soft, hardening, returned, held[side])
+    whole = elastic.stretch_of(start, rest) + stretch
+    pull = max(elastic.tension_of(now, whole), 0.0)
+    held[side] = elastic.held_tension(now, pull)
+    return float(pull)
+
+
+@internal
+def _pulls(
+    spring: FloatArray, one_way: bool, stretch: float, held: FloatArray
+) -> tuple[float, float]:
+    """Return the torques of cables that pull forwards, and back, without friction."""
+    if one_way:
+        if spring[SOFT] > 0.0:
+            return _soft_pull(spring, 1.0, stretch, held, 0), 0.0
+        return max(spring[REST] + spring[STIFFNESS] * stretch, 0.0), 0.0
+    if spring[SOFT] > 0.0:
+        one = _soft_pull(spring, 2.0, stretch, held, 0)
+        return one, _soft_pull(spring, 2.0, -stretch, held, 1)
+    pulled = 0.5 * spring[STIFFNESS] * stretch
+    return max(0.5 * spring[REST] + pulled, 0.0), max(0.5 * spring[REST] - pulled, 0.0)
+
+
 @compiled
 def spring_edges(
-    spring: FloatArray, one_way: bool, stretch: float
+    spring: FloatArray, one_way: bool, stretch: float, held: FloatArray
 ) -> tuple[float, float]:
     """Return the least and the greatest torque of stretched cables [N m].
 
     With `one_way` the cables only pull, towards a positive torque. `stretch` is the
-    motor angle over the ratio, less the joint angle and the value at rest [rad].
+    motor angle over the ratio, less the joint angle and the value at rest [rad]. `held`
+    (2,) is T_held of ends that harden [N m], forwards and back, and is updated.
     """
     low = _least_share(spring[FRICTION])
     high = low * np.exp(spring[FRICTION])
-    if one_way:
-        pull = max(spring[REST] + spring[STIFFNESS] * stretch, 0.0)
-        return low * pull, high * pull
-    pulled = 0.5 * spring[STIFFNESS] * stretch
-    one = max(0.5 * spring[REST] + pulled, 0.0)
-    other = max(0.5 * spring[REST] - pulled, 0.0)
+    one, other = _pulls(spring, one_way, stretch, held)
     return low * one - high * other, high * one - low * other
+
+
+@internal
+def rest_ends(spring: FloatArray, one_way: bool, held: FloatArray) -> None:
+    """Set T_held of ends that harden to that of cables loaded to their pretension."""
+    held[0] = held[1] = spring[REST] if one_way else 0.5 * spring[REST]
+
+
+@internal
+def _stretch_at(
+    spring: FloatArray, one_way: bool, torque: float, held: FloatArray
+) -> float:
+    """Return the stretch from rest of cables loaded to a torque, >= 0 if `one_way`.
+
+    `held` becomes that of ends that harden; see `spring_edges`.
+    """
+    if spring[SOFT] == 0.0:
+        more = torque - spring[REST] if one_way else torque
+        return float(more / spring[STIFFNESS])
+    high = 2.0 * (abs(torque) + spring[REST]) * (spring[TAUT] + spring[SOFT])
+    low = -high
+    for _ in range(_HALVINGS):
+        stretch = 0.5 * (low + high)
+        rest_ends(spring, one_way, held)
+        one, other = _pulls(spring, one_way, stretch, held)
+        if one - other <= torque:
+            low = stretch
+        else:
+            high = stretch
+    return float(0.5 * (low + high))
 
 
 @internal
@@ -315,7 +388,8 @@ def _predict(own: Guarded, moved: float) -> None:
     ratio, one_way = limits.ratio, limits.one_way != 0.0
     sign = np.sign(ratio) if one_way else 1.0
     stretch = memory[_GOOD + MOTOR] / ratio - memory[_GOOD + JOINT]
-    low, high = spring_edges(spring, one_way, sign * (stretch - memory[_REFERENCE]))
+    held, moved_on = memory[_HELD : _HELD + 2], sign * (stretch - memory[_REFERENCE])
+    low, high = spring_edges(spring, one_way, moved_on, held)
     slack = _SET.slack_share * limits.safe_torque
     loaded = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio)) > slack
     if loaded or memory[STATE] != FREE:
@@ -324,7 +398,8 @@ def _predict(own: Guarded, moved: float) -> None:
     if one_way and memory[_SLACK] > _SET.slack_time and low > spring[REST]:
         # Neither sensor nor command knows of that tension: it was slack that was wound.
         memory[_REFERENCE] = stretch
-        low, high = spring_edges(spring, one_way, 0.0)
+        rest_ends(spring, one_way, held)
+        low, high = spring_edges(spring, one_way, 0.0, held)
     now = sign * (memory[_PREDICTED] - 2.0 * spring[STIFFNESS] * moved)
     memory[_PREDICTED] = sign * min(max(now, low), high)
 
@@ -365,11 +440,10 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
     memory[_REFERENCE] = seen[MOTOR] / limits.ratio - seen[JOINT]
     memory[_PREDICTED] = seen[TORQUE]
     if spring[STIFFNESS] > 0.0:
-        more = seen[TORQUE]
-        if limits.one_way != 0.0:
-            pull = max(np.sign(limits.ratio) * seen[TORQUE], 0.0)
-            more = np.sign(limits.ratio) * (pull - spring[REST])
-        memory[_REFERENCE] -= more / spring[STIFFNESS]
+        held, one_way = memory[_HELD : _HELD + 2], limits.one_way != 0.0
+        sign = np.sign(limits.ratio) if one_way else 1.0
+        pull = max(sign * seen[TORQUE], 0.0) if one_way else seen[TORQUE]
+        memory[_REFERENCE] -= sign * _stretch_at(spring, one_way, pull, held)
     for i in range(READINGS):
         memory[_AT_PREDICTED + i] = memory[_PREDICTED]
     memory[_MEAN], memory[_MEAN_PREDICTED] = seen[TORQUE], memory[_PREDICTED]

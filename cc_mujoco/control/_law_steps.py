@@ -33,7 +33,7 @@ from cc_mujoco.control._cable_model import (
     follow,
     full_slip_balance,
     motor_torque,
-    stiffness,
+    set_stiffness,
 )
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.native import (
@@ -134,6 +134,18 @@ class FeedbackGains(DriveGains):
         "1", 0.0, 100.0, 0.0,
         "friction coefficient times wrap of the cables, for the guard",
     )  # fmt: skip
+    taut_compliance: float = gain(
+        "rad/(N m)", 0.0, 1e12, 0.0,
+        "of all cables at the joint without ends that harden, for the guard",
+    )  # fmt: skip
+    end_compliance: float = gain(
+        "rad/(N m)", 0.0, 1e12, 0.0,
+        "of ends that harden, at no torque, for the guard; 0 where none does",
+    )  # fmt: skip
+    end_hardening: float = gain("1/(N m)", 0.0, 1e6, 0.0, "of these ends")
+    end_loss: float = gain(
+        "1", 0.0, 0.6, 0.0, "share of the work of loading that these ends lose"
+    )
 
 
 LIMITS, FEEDBACK = parameters_of(DriveGains), parameters_of(FeedbackGains)
@@ -143,6 +155,8 @@ _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFN
     range(guard.LIMITS, len(FEEDBACK) - guard.SPRING_SIZE + 1)
 )
 """Indices of the gains of feedback after `DriveLimits`; the cables' spring is last."""
+SPRING_GAINS = tuple(one.name for one in FEEDBACK[STIFFNESS:])
+"""Names of the gains that are the spring's numbers, in order."""
 
 FIRST_STEP, JOINT_ANGLE, SPRING, OWN_MEMORY = 0, 1, 2, 2 + guard.SPRING_SIZE
 """Places in the memory: 1 until the first step is taken; angle of the joint since the
@@ -328,7 +342,7 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         add_preload(values, bends, cables.distal[k], spring)
         first += 2 + SCALARS + SECTION_SIZE * sections
     limits = guard.limits_of(part(memory, GAINS, CABLES - GAINS))
-    spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
+    set_stiffness(cables, guard.largest_torque(limits), spring)
 
 
 @internal

@@ -48,9 +48,7 @@ class ModelBased(ProportionalIntegral):
     no inertia and needs none of this.
     """
 
-    unread_gains = frozenset(
-        {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
-    )
+    unread_gains = frozenset({"feed_forward", *law_steps.SPRING_GAINS})
     """Gains that no law with a model reads."""
     stepped = SteppedLaw(
         law_steps.step_model_based,

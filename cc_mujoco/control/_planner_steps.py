@@ -29,7 +29,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
-from cc_mujoco.control._cable_model import add_preload, pack, stiffness
+from cc_mujoco.control._cable_model import add_preload, pack, set_stiffness
 from cc_mujoco.control._law_steps import (
     OWN_MEMORY,
     LawData,
@@ -206,7 +206,7 @@ def _planned(planner: Planner, data: LawData) -> float:
         place += 2 + SCALARS + SECTION_SIZE * sections
     if has_parameters:
         limits = guard.limits_of(planner.tune)
-        spring[guard.STIFFNESS] = stiffness(cables, guard.largest_torque(limits))
+        set_stiffness(cables, guard.largest_torque(limits), spring)
         memory[CHANGED] = 0.0
     if is_fresh:
         stepper.set_rest(cables, readings[0], 0.0, planner.state)

@@ -40,6 +40,10 @@ class Believed:
     high: float
     safe: float
     noise: float
+    soft: float = 0.0
+    """Compliance of a cable's ends at no torque [rad/(N m)], besides `stiffness`."""
+    hardening: float = 0.0
+    """Hardening of these ends, by the torque of a cable [1/(N m)]."""
 
     @property
     def pair(self) -> bool:
@@ -56,6 +60,8 @@ class Believed:
             pretension=self.rest / count / arm,
             axial_stiffness=self.stiffness / count / arm**2 * _LENGTH,
             conduit=(Section(_LENGTH, _LENGTH * 0.1 / self.friction),),
+            end_compliance=self.soft * arm**2,
+            end_hardening=self.hardening * arm,
         )
         proximal = arm / self.ratio
         row = [CableDrive(cable, -proximal, -arm)]
@@ -79,10 +85,27 @@ class Believed:
         )
 
 
+def _spring(believed: Believed, stiffness: float) -> Callable[[float], float]:
+    """Return the torque of a cable by its stretch from rest [rad].
+
+    Without its ends it has a stiffness [N m/rad].
+    """
+    rest = believed.rest / (2 if believed.pair else 1)
+    if not believed.soft:
+        return lambda stretch: max(rest + stiffness * stretch, 0.0)
+    torques = 5.0 * believed.safe * np.linspace(0.0, 1.0, 9000)
+    ends = believed.soft * np.log1p(believed.hardening * torques) / believed.hardening
+    stretches = torques / stiffness + ends
+    start = float(np.interp(rest, torques, stretches))
+    return lambda stretch: float(np.interp(start + stretch, stretches, torques))
+
+
 HANDLE = Believed(5.2, 41.0, 2.0, 0.75, 7e-5, 1.0, 8.0, 0.01)
 """Two cables of a light motor, as at a wrist."""
 ANKLE = Believed(-4.8, 420.0, 0.7, 0.45, 5.65e-3, 50.0, 60.0, 0.3)
 """One cable of a heavy motor, as at an ankle."""
+SUIT = Believed(-4.0, 350.0, 0.6, 0.2, 5e-3, 30.0, 60.0, 0.3, 3e-2, 0.1)
+"""One cable held by straps and flesh, five times as soft slack as taut."""
 KNEE = Believed(5.0 / 3.0, 167.0, 2.0, 0.2, 1e-3, 3.0, 2.0, 0.0)
 """Two stiff cables of little friction, whose motor swings on them at 20 Hz."""
 
@@ -167,9 +190,10 @@ def ride(
     """
     random = np.random.default_rng(seed)
     ratio, safe = believed.ratio, believed.safe
-    stiffness = believed.stiffness * truth.stiffness
-    half = 0.5 * believed.friction * truth.friction
     sense = math.copysign(1.0, ratio)
+    ends = [1.0, -1.0] if believed.pair else [sense]
+    tension = _spring(believed, believed.stiffness * truth.stiffness / len(ends))
+    half = 0.5 * believed.friction * truth.friction
     step = 0.001 / _SUBSTEPS
     count = round(duration / 0.001)
     torque, desired, states = (np.zeros(count) for _ in range(3))
@@ -190,14 +214,7 @@ def ride(
             at = time + k * step
             joint = _SWING * math.sin(_ANGULAR * at)
             stretch = motor / ratio - truth.radius * joint
-            ends = [sense] if not believed.pair else [1.0, -1.0]
-            pulls = [
-                max(
-                    believed.rest / len(ends) + end * stiffness / len(ends) * stretch,
-                    0.0,
-                )
-                for end in ends
-            ]
+            pulls = [tension(end * stretch) for end in ends]
             at_joint = sum(
                 end * pull * math.exp(-end * slip[1] * half)
                 for end, pull in zip(ends, pulls, strict=True)

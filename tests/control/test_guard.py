@@ -49,7 +49,7 @@ from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._formulas import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Batch, WornDevice
 from control.devices import kept, pull_pull, single
-from control.rigs import ANKLE, HANDLE, KNEE, Believed, Ride, Truth, ride
+from control.rigs import ANKLE, HANDLE, KNEE, SUIT, Believed, Ride, Truth, ride
 from control.rigs import FAULTS as RIG_FAULTS
 from study_marks import study_but
 
@@ -151,7 +151,7 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     )
     read = np.array([0.0, motor, 0.0, joint, torque, 1.0])
     memory, plain = np.zeros((2, law_steps.GUARD + guard.MEMORY_SIZE))
-    spring = np.array([20.0, 0.0, 0.0])
+    spring = np.array([20.0, *[0.0] * (guard.SPRING_SIZE - 1)])
     packed = np.array(dataclasses.astuple(gains))
     law = law_steps.Law(packed, spring, memory, read)
     law_steps.admit(law)
@@ -190,9 +190,58 @@ def test_the_torque_of_the_stretch_lies_between_cables_that_slip_to_either_side(
     _, stretch = full_slip_balance(cables, sign * sense, sign * desired)
     spring = joint_spring(plain.cables, motor_limits(plain))
     spring[guard.FRICTION] = friction
-    found = guard.spring_edges(spring, not pair, sign * stretch)
+    found = guard.spring_edges(spring, not pair, sign * stretch, np.zeros(2))
     assert found[0] <= found[1]
     assert found[0 if sense > 0.0 else 1] == pytest.approx(desired, rel=1e-6)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.45])
+@pytest.mark.parametrize("pair", [True, False])
+def test_the_torque_of_the_stretch_is_that_of_ends_that_harden_and_lose_work(
+    pair: bool, loss: float
+) -> None:
+    """By the closed forms of loading and unloading, `cable._elasticity`."""
+    plain = pull_pull() if pair else single()
+    soft, hardening = (2e-4, 3e-4), 0.02
+    cables = tuple(
+        dataclasses.replace(
+            one,
+            cable=one.cable.replace(
+                friction=0.0,
+                end_compliance=soft[0],
+                end_hardening=hardening,
+                end_loss=loss,
+                proximal_compliance=soft[1],
+                proximal_hardening=hardening,
+                proximal_loss=loss,
+            ),
+        )
+        for one in plain.cables
+    )
+    own = dataclasses.replace(plain, cables=cables, safe_torque=9.0 if pair else 90.0)
+    spring = joint_spring(cables, motor_limits(own))
+    arm, cable = abs(cables[0].distal), cables[0].cable
+    returned = 1.0 - 1.5 * loss
+
+    def stretch(tension: float, largest: float) -> float:
+        """Return the stretch of a cable that was loaded to the largest tension [m]."""
+        held = min(max(tension, largest), tension / returned)
+        soft_part = math.log1p(hardening * tension) + 2.0 * math.log1p(hardening * held)
+        taut = tension * cable.length / cable.axial_stiffness
+        return taut + sum(soft) * soft_part / 3.0 / hardening
+
+    rest = cable.pretension
+    held = np.full(2, arm * rest)
+    for tension, largest in ((20.0, 20.0), (80.0, 80.0), (50.0, 80.0), (13.0, 80.0)):
+        moved = (stretch(tension, largest) - stretch(rest, rest)) / arm
+        low, high = guard.spring_edges(spring, not pair, moved, held)
+        assert low == pytest.approx(high, rel=1e-9)
+        if not pair:
+            assert low == pytest.approx(arm * tension, rel=1e-9)
+        else:  # the other one is paid out by as much, and is slack at 80 N
+            other, most = tension - low / arm, rest if tension == 20.0 else 0.0
+            paid = (stretch(rest, rest) - stretch(max(other, 0.0), most)) / arm
+            assert paid == pytest.approx(moved, rel=1e-6) or abs(other) < 1e-9
 
 
 @given(pair=st.booleans(), friction=st.floats(0.0, 1.5), desired=st.floats(0.5, 6.0))
@@ -474,6 +523,26 @@ def test_a_torque_sensor_that_fails_is_caught_on_a_rig_that_is_not_as_believed(
     assert np.abs(found.torque).max() <= 1.1 * believed.safe
 
 
+@pytest.mark.parametrize("onset", [0.54, 0.56])
+def test_a_frozen_sensor_is_caught_as_soon_on_cables_whose_ends_harden(
+    onset: float,
+) -> None:
+    """The guard has seen them at small torques, where they are soft."""
+    found = driven(SUIT, Truth(), "pi_tuned", "frozen", 1.2, onset)
+    assert found.state[: round(onset / 0.001)].max() == guard.FREE
+    assert found.state[-1] == guard.STOPPED
+    # As linear springs 0.83 and 0.94.
+    assert np.abs(found.torque).max() <= 0.8 * SUIT.safe
+
+
+@pytest.mark.parametrize("name", study_but(2, ["pi_tuned", "predictive"]))
+def test_a_soft_suit_stays_safe_with_a_frozen_sensor(name: str) -> None:
+    """As linear springs 1.07 and 1.14 of the safe torque at the ankle."""
+    conditions = {one.structure: one for one in SUITES["safety"].conditions("exosuit")}
+    cell = Cell(conditions["torque-frozen"], name, (0,))
+    assert not play(cell).scores["failed"].any()
+
+
 @pytest.mark.parametrize("fault", ["motor-frozen", "joint-frozen"])
 def test_a_frozen_encoder_is_caught_on_a_rig_of_another_radius(fault: str) -> None:
     found = driven(ANKLE, RIGS["large"], "inverse", fault)  # 1.4 by size of the gap
@@ -558,7 +627,9 @@ def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:
     law.reset()
     spring = joint_spring(law.drive.cables, law.limits)
     stretch = np.linspace(-1.0, 1.0, 2001)
-    made = [np.mean(guard.spring_edges(spring, False, one)) for one in stretch]
+    made = [
+        np.mean(guard.spring_edges(spring, False, one, np.zeros(2))) for one in stretch
+    ]
     before = 0.0
     for torque, learns in ((3.0, True), (1.2 * SAFE, False), (1.0, True)):
         for measured in np.linspace(before, torque, 40).tolist():

@@ -299,6 +299,22 @@ def _least_share(friction: float) -> float:
 
 
 @internal
+def _side(spring: FloatArray, sides: float, held: float) -> elastic.Piece:
+    """Return the cables of one of `sides` as a piece at the joint, by torque [N m]."""
+    return elastic.Piece(
+        sides * spring[TAUT], 0.0, 1.0, 0.0, 1.0, sides * spring[SOFT],
+        sides * spring[HARDENING], elastic.returned_share(spring[LOSS]), held,
+    )  # fmt: skip
+
+
+@internal
+def _rest_stretch(spring: FloatArray, sides: float) -> float:
+    """Return the stretch of the cables of one of `sides` by pretension [rad]."""
+    rest = spring[REST] / sides
+    return float(elastic.stretch_of(_side(spring, sides, rest), rest))
+
+
+@internal
 def _soft_pull(
     spring: FloatArray, sides: float, stretch: float, held: FloatArray, side: int
 ) -> float:
@@ -306,14 +322,8 @@ def _soft_pull(
 
     `held` has T_held of the ends of every side [N m] and is updated.
     """
-    rest, taut, soft = spring[REST] / sides, sides * spring[TAUT], sides * spring[SOFT]
-    hardening, returned = (
-        sides * spring[HARDENING],
-        elastic.returned_share(spring[LOSS]),
-    )
-    start = elastic.Piece(taut, 0.0, 1.0, 0.0, 1.0, soft, hardening, returned, rest)
-    now = elastic.Piece(taut, 0.0, 1.0, 0.0, 1.0, soft, hardening, returned, held[side])
-    whole = elastic.stretch_of(start, rest) + stretch
+    now = _side(spring, sides, held[side])
+    whole = _rest_stretch(spring, sides) + stretch
     pull = max(elastic.tension_of(now, whole), 0.0)
     held[side] = elastic.held_tension(now, pull)
     return float(pull)
@@ -352,7 +362,7 @@ def spring_edges(
 
 
 @internal
-def rest_ends(spring: FloatArray, one_way: bool, held: FloatArray) -> None:
+def _rest_ends(spring: FloatArray, one_way: bool, held: FloatArray) -> None:
     """Set T_held of ends that harden to that of cables loaded to their pretension."""
     held[0] = held[1] = spring[REST] if one_way else 0.5 * spring[REST]
 
@@ -361,20 +371,24 @@ def rest_ends(spring: FloatArray, one_way: bool, held: FloatArray) -> None:
 def _stretch_at(
     spring: FloatArray, one_way: bool, torque: float, held: FloatArray
 ) -> float:
-    """Return the stretch from rest of cables loaded to a torque, >= 0 if `one_way`.
+    """Return the stretch from rest of cables brought to a torque, >= 0 if `one_way`.
 
-    `held` becomes that of ends that harden; see `spring_edges`.
+    `held` is that of ends that harden before, and is updated; see `spring_edges`.
     """
     if spring[SOFT] == 0.0:
         more = torque - spring[REST] if one_way else torque
         return float(more / spring[STIFFNESS])
+    if one_way:
+        now = _side(spring, 1.0, held[0])
+        held[0] = elastic.held_tension(now, torque)
+        return float(elastic.stretch_of(now, torque) - _rest_stretch(spring, 1.0))
     high = 2.0 * (abs(torque) + spring[REST]) * (spring[TAUT] + spring[SOFT])
-    low = -high
+    low, first, last = -high, held[0], held[1]
     for _ in range(_HALVINGS):
         stretch = 0.5 * (low + high)
-        rest_ends(spring, one_way, held)
-        one, other = _pulls(spring, one_way, stretch, held)
-        if one - other <= torque:
+        held[0], held[1] = first, last
+        one, other = _pulls(spring, False, stretch, held)
+        if one - other < torque:
             low = stretch
         else:
             high = stretch
@@ -391,15 +405,19 @@ def _predict(own: Guarded, moved: float) -> None:
     held, moved_on = memory[_HELD : _HELD + 2], sign * (stretch - memory[_REFERENCE])
     low, high = spring_edges(spring, one_way, moved_on, held)
     slack = _SET.slack_share * limits.safe_torque
-    loaded = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio)) > slack
-    if loaded or memory[STATE] != FREE:
+    known = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio))
+    if known > slack or memory[STATE] != FREE:
         memory[_SLACK] = 0.0
     memory[_SLACK] += limits.period
-    if one_way and memory[_SLACK] > _SET.slack_time and low > spring[REST]:
+    is_soft = spring[SOFT] > 0.0
+    most = max(spring[REST], slack) if is_soft else spring[REST]
+    if one_way and memory[_SLACK] > _SET.slack_time and low > most:
         # Neither sensor nor command knows of that tension: it was slack that was wound.
-        memory[_REFERENCE] = stretch
-        rest_ends(spring, one_way, held)
-        low, high = spring_edges(spring, one_way, 0.0, held)
+        # Soft ends keep the stretch of what is known: without it they would seem to
+        # pull far less when they are hard.
+        left = _stretch_at(spring, one_way, known, held) if is_soft else 0.0
+        memory[_REFERENCE] = stretch - sign * left
+        low, high = spring_edges(spring, one_way, left, held)
     now = sign * (memory[_PREDICTED] - 2.0 * spring[STIFFNESS] * moved)
     memory[_PREDICTED] = sign * min(max(now, low), high)
 
@@ -443,6 +461,7 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
         held, one_way = memory[_HELD : _HELD + 2], limits.one_way != 0.0
         sign = np.sign(limits.ratio) if one_way else 1.0
         pull = max(sign * seen[TORQUE], 0.0) if one_way else seen[TORQUE]
+        _rest_ends(spring, one_way, held)
         memory[_REFERENCE] -= sign * _stretch_at(spring, one_way, pull, held)
     for i in range(READINGS):
         memory[_AT_PREDICTED + i] = memory[_PREDICTED]

@@ -535,11 +535,22 @@ def test_a_frozen_sensor_is_caught_as_soon_on_cables_whose_ends_harden(
     assert np.abs(found.torque).max() <= 0.8 * SUIT.safe
 
 
-@pytest.mark.parametrize("name", study_but(2, ["pi_tuned", "predictive"]))
-def test_a_soft_suit_stays_safe_with_a_frozen_sensor(name: str) -> None:
-    """As linear springs 1.07 and 1.14 of the safe torque at the ankle."""
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    study_but(
+        3,
+        [
+            # As linear springs 1.07 and 1.14 of the safe torque at the ankle.
+            ("pi_tuned", "torque-frozen"),
+            ("predictive", "torque-frozen"),
+            # 1.01 if ends that unload are taken for slack that was wound.
+            ("lqg", "torque-half"),
+        ],
+    ),
+)
+def test_a_soft_suit_stays_safe_after_a_fault(name: str, fault: str) -> None:
     conditions = {one.structure: one for one in SUITES["safety"].conditions("exosuit")}
-    cell = Cell(conditions["torque-frozen"], name, (0,))
+    cell = Cell(conditions[fault], name, (0, 2))
     assert not play(cell).scores["failed"].any()
 
 

@@ -26,11 +26,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from cc_mujoco._mujoco_import import OLDEST_MUJOCO, supports_plugin
+from cc_mujoco._mujoco_import import OLDEST_MUJOCO
 from cc_mujoco.errors import CableError
 
 PACKAGE = Path(__file__).parents[1]
@@ -314,7 +315,9 @@ def compiler() -> list[str]:
 
 def build_library(place: Path) -> Path:
     """Compile the library of this package in a folder; return its path."""
-    if not supports_plugin():
+    # Without an import of MuJoCo, which would load the library.
+    installed = tuple(map(int, version("mujoco").split(".")[:2]))
+    if installed < OLDEST_MUJOCO:
         oldest = ".".join(map(str, OLDEST_MUJOCO))
         raise NativeLibraryError(
             f"cc_mujoco needs mujoco {oldest} or newer to compile its native library: "

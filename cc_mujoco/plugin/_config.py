@@ -111,6 +111,11 @@ def _allowed_values() -> tuple[str, ...]:
         ("static_friction", "0 (off) or at least `friction`"),
         ("tension_exponent", "0 (off) where `pretension` is 0"),
         ("stress_relaxation", "0 (off) where sections differ in `seating_tension`"),
+        *(
+            (f"{end}_{name}", f"0 (off) where `{end}_compliance` is 0")
+            for end in ("end", "proximal")
+            for name in ("hardening", "loss")
+        ),
     ):
         own[key] = f"{before}, and {own[key]}"
     return tuple(own[key] for key in KEYS)
@@ -294,6 +299,14 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
         return KEY.static_friction, 0
     if values[KEY.tension_exponent] != 0.0 and values[KEY.pretension] == 0.0:
         return KEY.tension_exponent, 0
+    if values[KEY.end_compliance] == 0.0 and values[KEY.end_hardening] > 0.0:
+        return KEY.end_hardening, 0
+    if values[KEY.end_compliance] == 0.0 and values[KEY.end_loss] > 0.0:
+        return KEY.end_loss, 0
+    if values[KEY.proximal_compliance] == 0.0 and values[KEY.proximal_hardening] > 0.0:
+        return KEY.proximal_hardening, 0
+    if values[KEY.proximal_compliance] == 0.0 and values[KEY.proximal_loss] > 0.0:
+        return KEY.proximal_loss, 0
     if segment_count(block) == 0:
         return KEY.segments, 0
     bend = key_text(block, KEY.bend)

@@ -44,7 +44,7 @@ def main() -> None:
     options = parser.parse_args()
     hidden = {key: float(size) for key, size in (h.split("=") for h in options.hide)}
     plant = Plant(options.scene, hidden)
-    cable, radius = plant.device.radii.popitem()
+    cable, radius = next(iter(plant.device.radii.items()))
     options.out.mkdir(parents=True, exist_ok=True)
     for number, (name, (motion, task)) in enumerate(TRIALS.items()):
         log = simulate(

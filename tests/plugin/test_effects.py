@@ -125,3 +125,11 @@ def test_friction_that_depends_on_tension_needs_a_pretension() -> None:
     config = CONFIG | {"pretension": "0", "tension_exponent": "0.2"}
     with pytest.raises(ValueError, match=r"`tension_exponent` is '0\.2'; .*pretension"):
         build(pull_pull(config))
+
+
+@pytest.mark.parametrize("end", ["end", "proximal"])
+@pytest.mark.parametrize("name", ["hardening", "loss"])
+def test_a_soft_end_needs_a_compliance(end: str, name: str) -> None:
+    config = CONFIG | {f"{end}_{name}": "0.1"}
+    with pytest.raises(ValueError, match=rf"`{end}_{name}` is '0\.1'; .*{end}_compli"):
+        build(pull_pull(config))

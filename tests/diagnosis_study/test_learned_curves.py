@@ -42,6 +42,7 @@ def test_a_catch_at_one_angle_is_learned_and_acts_in_the_scene(tmp_path: Path) -
     assert [each.id for each in again.missing] == ["learned_joint_angle"]
     (share,) = again.effects[0].parameters.values()
     assert share.value == pytest.approx(1.0, abs=0.05)  # penalties shrink a table
+    assert any("learned curve is in the model" in each for each in again.problems)
     assert again.remaining < 1.6
 
 

@@ -131,6 +131,10 @@ class LearnedCurve:
                 found[side] = table
         if not (np.isfinite(points).all() and np.all(np.diff(points) > 0.0)):
             raise CableError("the points in `at` must be finite and rise")
+        if not found or not all(np.isfinite(table).all() for table in found.values()):
+            raise CableError(
+                "the curve must have `motor_torque` or `joint_torque`, of finite values"
+            )
         return found
 
     def parameters(self) -> list[Size]:

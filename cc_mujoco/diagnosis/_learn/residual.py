@@ -36,6 +36,13 @@ from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
+PREFIX = "learned_"
+"""Begin of the id of every learned curve."""
+SAME_DATA = (
+    "A learned curve is in the model; odds and shares say nothing of it where these "
+    "are the data that it was learned from."
+)
+
 
 class LearnedModel(NamedTuple):
     """Model with learned curves as effects, fitted to all data."""
@@ -54,6 +61,9 @@ def learn_residual(
     `unknown` or a named model stays far off, but not of an event or of constants that
     differ from trial to trial.
     """
+    if any(effect.id.startswith(PREFIX) for effect in judged.effects):
+        problems = (*judged.problems, SAME_DATA)
+        judged = replace(judged, problems=problems)
     far = found.search.after.misfit > Limit.max_explained_error
     wanted = judged.verdict == "unknown" or (judged.verdict in ("named", "tie") and far)
     event = found.by_trial or judged.interrupted or judged.belief is None
@@ -75,8 +85,10 @@ def learn_residual(
         tried = "No curve of one quantity takes enough of what is left"
         if terms and np.isfinite(closed):
             tried = f"Learned curves take {share}"
+            if closed <= 0.0:
+                tried = "Learned curves make the error larger"
         statement = (
-            f"{tried} on trials that were not used to find it, so none is given (a "
+            f"{tried} on trials that were not used to find them, so none is given (a "
             "third is needed)."
         )
         return replace(
@@ -190,8 +202,8 @@ def _table(
         for side, row in pairs
         if side in term.sides
     }
-    taken = {name for name in EFFECTS if name.startswith("learned_")}
-    name = f"learned_{term.over}".replace(" ", "_")
+    taken = {name for name in EFFECTS if name.startswith(PREFIX)}
+    name = f"{PREFIX}{term.over}".replace(" ", "_")
     name += f"_times_{term.times}".replace(" ", "_") if term.times else ""
     name += "_again" if name in taken else ""
     points = term.period, tuple(at.tolist()), torque_unit, values, formula

@@ -258,6 +258,7 @@ def test_curves_over_angles_act_in_a_scene(tmp_path: Path) -> None:
         ({"times": "load"}, "unknown quantity 'load'"),
         ({"joint_torque": (0.0, 1.0)}, "`joint_torque` has 2 values; it takes one for"),
         ({"at": (0.0, 0.0, 1.0, 2.0, 3.0)}, "points in `at` must be finite and rise"),
+        ({"joint_torque": ()}, "must have `motor_torque` or `joint_torque`"),
     ],
 )
 def test_a_wrong_table_is_refused_in_a_sentence(

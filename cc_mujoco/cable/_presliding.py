@@ -67,7 +67,11 @@ def _solve_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Solve for the displacements with the choices of `_find_choices`."""
+    """Write the displacements into `motion.shift`, for fixed slip and slack.
+
+    `motion.direction` and `work` (4 n,) hold the choices of `_find_choices`: by
+    segment, slip direction and whether the nodes before and behind it are slack.
+    """
     tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift
     slack_before, slack_behind = work[:n], work[n : 2 * n]
     ratio, right = work[2 * n : 3 * n], work[3 * n : 4 * n]

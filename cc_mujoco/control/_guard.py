@@ -204,7 +204,7 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
 
 
 class DriveLimits(NamedTuple):
-    """Motor and joint of a drive, as laws and guard know them."""
+    """Ratio and period of a drive, and limits of its motor and joint."""
 
     ratio: float  # joint torque per motor torque without friction, signed [-]
     low: float  # least torque of the motor [N m]
@@ -668,11 +668,12 @@ def _learn(own: Guarded) -> None:
 
 @internal
 def _compare(own: Guarded) -> None:
-    """Stop if others contradict the torque sensor for `gap_time`; else learn its gain.
+    """Stop or limp if other torques contradict the sensor; else learn the gain.
 
-    The stretch torque counts if the motor torque agrees with it, or if it explained the
-    sensor before and the motor torque does not object. The motor torque counts alone
-    where the stretch is known not to fit.
+    The others are the torque predicted from the stretch, times the gain, and the
+    motor's. For `gap_time`, less if the gap is large: if both contradict the sensor, or
+    the motor's does where the stretch is known not to fit, stop. If only the stretch
+    does, which explained the sensor before, and the motor's does not object, limp.
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]

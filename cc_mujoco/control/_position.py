@@ -272,7 +272,10 @@ class CableCourse:
     def __init__(
         self, cables: Sequence[CableDrive], parameters: CableParameters
     ) -> None:
-        """Prepare at rest; `cables` have the values of the data sheet."""
+        """Set cables and spring to rest, with motor and joint at angle 0.
+
+        `cables` have the values of the data sheet, which `parameters` scale.
+        """
         own = []
         for one in cables:
             cable = one.cable.replace(

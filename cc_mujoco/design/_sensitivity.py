@@ -55,7 +55,10 @@ class Surface:
         return np.asarray(self._fitted(x[:, self.active]))
 
     def halves(self, count: int) -> Iterator[Surface]:
-        """Yield surfaces through random halves of the designs, where they exist."""
+        """Yield up to `count` surfaces, each through a random half of the designs.
+
+        A half through which no spline can be laid is left out.
+        """
         rng = np.random.default_rng(1)
         for _ in range(count):
             half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]

@@ -207,7 +207,10 @@ def limb_of(place: Array, inertia: float) -> Limb:
 
 
 def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
-    """Return the inertia of joint and limb in the neutral pose [kg m^2]."""
+    """Return the inertia of an axis, joint and limb, in the neutral pose [kg m^2].
+
+    A device with one axis needs no `axis`.
+    """
     plant = Plant(device)
     model = plant.model()
     limb = plant.description.axis(axis).limb

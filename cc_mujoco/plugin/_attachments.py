@@ -451,7 +451,10 @@ def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
 
 @internal
 def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
-    """Forbid sleep to the trees of a tendon's sites and geoms from `begin` on."""
+    """Forbid sleep to trees that a tendon's path touches, from element `begin` on.
+
+    Return a body whose tree the model explicitly lets sleep, or -1.
+    """
     found, start = -1, model.tendon_adr[tendon] + begin
     for i in range(start, ffi.path_end(model, tendon)):
         body = ffi.wrap_body(model, i)

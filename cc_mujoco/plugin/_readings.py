@@ -69,7 +69,7 @@ def read_state(
 
 
 class Reader:
-    """Reader of one cable of a model, with its lookups done once."""
+    """Reader of one cable's state from `plugin_state`, with its lookups done once."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
         """Look the cable up.

@@ -67,9 +67,9 @@ def _solve_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the displacements into `motion.shift`, for fixed slip and slack.
+    """Write the displacements into `shift` of `motion`, for fixed slip and slack.
 
-    `motion.direction` and `work` (4 n,) hold the choices of `_find_choices`: by
+    Its `direction` and `work` (4 n,) hold the choices of `_find_choices`: by
     segment, slip direction and whether the nodes before and behind it are slack.
     """
     tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift

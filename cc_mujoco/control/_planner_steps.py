@@ -175,7 +175,7 @@ def step_plan(data: LawData) -> float:
 def _planned(planner: Planner, data: LawData) -> float:
     """Return the motor torque of the next step [N m]; start anew if it is the first.
 
-    `planner.friction[1]` holds the friction factors of the cables to plan with.
+    The second row of `friction` has the factors on friction to plan with.
     """
     memory, shape, readings = data.memory, data.sizes, data.readings
     cables, is_fresh = planner.cables, memory[law_steps.FIRST_STEP] != 0.0

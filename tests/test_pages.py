@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import dataclasses
 import re
@@ -290,3 +291,56 @@ def test_layers_that_contributors_read_are_those_of_the_import_contract() -> Non
 def test_scripts_that_it_names_exist(place: str) -> None:
     for name in re.findall(r"scripts/[\w/]+(?:\.\w+)?", PAGES[place]):
         assert (ROOT / name).exists(), name
+
+
+def calls(text: str, is_page: bool) -> list[tuple[str, set[str]]]:
+    """Return the scripts that a page or a docstring calls, with the options of each."""
+    if is_page:
+        blocks = re.findall(r"^```.*?^```", text, re.M | re.S)
+        rest = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+        spans = (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", rest))
+        text = "\n".join([*blocks, *spans])
+    found = re.findall(
+        r"\bpython (scripts/\S+\.py)([^\n#&|]*)", text.replace("\\\n", " ")
+    )
+    return [(name, set(re.findall(r"--[a-z][a-z-]*", rest))) for name, rest in found]
+
+
+def options_of(script: Path) -> set[str]:
+    """Return the options of a script, whether of `argparse` or of `tyro`."""
+    tree = ast.parse(script.read_text("utf-8"))
+    names = {
+        each.args[0].value
+        for each in ast.walk(tree)
+        if isinstance(each, ast.Call)
+        and getattr(each.func, "attr", "") == "add_argument"
+        and isinstance(each.args[0], ast.Constant)
+    }
+    if "tyro.cli(main" in script.read_text("utf-8"):
+        (main,) = (each for each in tree.body if getattr(each, "name", "") == "main")
+        assert isinstance(main, ast.FunctionDef)
+        names |= {f"--{each.arg.replace('_', '-')}" for each in main.args.args}
+    return names
+
+
+@pytest.mark.parametrize("place", [*PAGES, *found("scripts/**/*.py")])
+def test_scripts_that_it_calls_have_the_options(place: str) -> None:
+    text = (ROOT / place).read_text("utf-8")
+    is_page = place in PAGES
+    if not is_page:
+        text = ast.get_docstring(ast.parse(text)) or ""
+    for name, options in calls(text, is_page):
+        assert options <= options_of(ROOT / name), f"{name} {options}"
+
+
+def test_a_call_is_found_in_sentences_blocks_and_docstrings() -> None:
+    page = "Run `python\nscripts/a.py --one 1` so:\n\n```sh\npython scripts/b.py \\\n"
+    page += "    --two-three x  # --four\n```\n"
+    assert calls(page, True) == [
+        ("scripts/b.py", {"--two-three"}), ("scripts/a.py", {"--one"}),
+    ]  # fmt: skip
+    assert calls("Do.\n\n    python scripts/a.py --one\n", False) == [
+        ("scripts/a.py", {"--one"})
+    ]
+    listed = [call for text in PAGES.values() for call in calls(text, True)]
+    assert len(listed) > 25

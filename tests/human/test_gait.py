@@ -112,6 +112,7 @@ def test_shipped_profiles_are_least_squares_of_the_measured_cycle() -> None:
     moments = {f"{name}_moment": own for name, own in GAIT_MOMENTS.items()}
     for name, own in (GAIT_ANGLES | moments).items():
         np.testing.assert_allclose(own.coefficients, table[name], atol=2e-6)
+    assert np.rad2deg(error) < 1.5  # half a degree a joint
     # Of all periods this one leaves the least error over the whole recording.
     assert error < min(refit(GAIT_PERIOD + step)[1] for step in (-0.005, 0.005))
 

@@ -219,13 +219,13 @@ def run(
     if not mend:
         return case
     folder = out / f"{effect}-{seed}"
-    said, scene = folder / "said.txt", folder / "verdict" / "scene.xml"
-    if not said.exists():
+    kept, scene = folder / "verdict.txt", folder / "verdict" / "scene.xml"
+    if not kept.exists():
         identify(rig, hidden, seed, folder / "data")
         found = diagnose(scene_path("bench"), [folder / "data"], folder / "verdict")
         names = ", ".join(each.id for each in found.missing) or "-"
-        said.write_text(f"{found.verdict}: {names}", encoding="utf-8")
-    case["said"] = said.read_text(encoding="utf-8")
+        kept.write_text(f"{found.verdict}: {names}", encoding="utf-8")
+    case["verdict"] = kept.read_text(encoding="utf-8")
     mended = str(scene.resolve()) if scene.exists() else "bench"
     law = law_of(name, noise, mended, folder)
     return case | {"after": played(law, rig, hidden, seed)["rms"]}
@@ -235,9 +235,10 @@ def summary(records: list[Mapping[str, Any]], names: Sequence[str]) -> str:
     """Return means over seeds as a Markdown table [mN m], a row per hidden effect."""
     rows = []
     for effect in dict.fromkeys(r["effect"] for r in records):
-        said = {r["said"] for r in records if r["effect"] == effect and "said" in r}
+        own = [r for r in records if r["effect"] == effect]
+        verdicts = sorted({r["verdict"] for r in own if "verdict" in r})
         cells = (cell(records, name, "rms", effect) for name in names)
-        rows.append((effect.replace("_", " "), "; ".join(sorted(said)), *cells))
+        rows.append((effect.replace("_", " "), "; ".join(verdicts), *cells))
     for key, what in (("rms", "mean"), ("between", "between turns"),
                       ("chatter", "chatter"), ("peak", "peak")):  # fmt: skip
         rows.append((what, "", *(cell(records, name, key) for name in names)))

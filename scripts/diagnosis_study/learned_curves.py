@@ -77,16 +77,16 @@ def summary(records: Sequence[Mapping[str, Any]]) -> str:
         )
         for each in records
     ]
-    asked = [each for each in records if each["verdict"] == "unknown"]
-    found = [each for each in asked if each["curves"]]
-    shares = [1.0 - (e["after"] - 1.0) / (e["before"] - 1.0) for e in asked]
+    unknown = [each for each in records if each["verdict"] == "unknown"]
+    found = [each for each in unknown if each["curves"]]
+    shares = [1.0 - (e["after"] - 1.0) / (e["before"] - 1.0) for e in unknown]
     medians = [
         float(np.median(values)) if values else 0.0
         for values in ([each["closed"] for each in found], shares)
     ]
     head = "hidden", "verdict", "scene", "model", "by curves", "curve", "formula"
     return (
-        f"{table(head, rows)}\n\nOf {len(asked)} `unknown` rigs {len(found)} have "
+        f"{table(head, rows)}\n\nOf {len(unknown)} `unknown` rigs {len(found)} have "
         f"curves, which close {medians[0]:.2f} (median) of what is left; model and "
         f"curves close {medians[1]:.2f} (median of all of them)."
     )

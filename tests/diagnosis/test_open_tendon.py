@@ -122,11 +122,11 @@ def test_an_effect_in_the_tendon_is_named_and_repaired(
         assert value.value == pytest.approx(HIDDEN[name][name], rel=0.1)
     if wanted:  # viscous friction makes 1.4 floors in RMS, which leaves little to close
         assert all(gap.gap_closed > 0.75 for gap in found.gap.values())
-    told = {each.id: each.reason for each in found.not_testable}
-    assert "nothing has play" in told["backlash"]
-    assert "at every angle" in told["configuration_dependent_wrap"]
+    reasons = {each.id: each.reason for each in found.not_testable}
+    assert "nothing has play" in reasons["backlash"]
+    assert "at every angle" in reasons["configuration_dependent_wrap"]
     path = tmp_path / "scene.xml"
     write_and_compare_scene(result, path)
-    _, apart, size = rollout_difference(result, path)
-    assert apart < 2e-3 * size
+    _, difference, size = rollout_difference(result, path)
+    assert difference < 2e-3 * size
     assert Bench.of(path).cables[0].friction == pytest.approx(0.22, rel=0.02)

@@ -41,7 +41,7 @@ def test_a_policy_plays_a_rig_in_the_period_and_torque_of_its_training(
         assert law.drive.period == read_policy(name)[1][0].period == 1e-3
         found[gain] = controlled.played(law, *controlled.built("none", 1, 0.0), 1)
         assert found[gain]["outcome"] == "the 3 s are over."
-    # What is asked, at ten newton metres for an action of 1, and no more: friction
+    # The desired torque at ten newton metres for an action of 1, and no more: friction
     # takes a part of it; feedback of what is lacking gets some back.
     assert 0.3 < found[0.1]["rms"] < found[0.0]["rms"] < 2.5
     assert 0.0 < found[0.0]["chatter"] < 0.2
@@ -74,8 +74,8 @@ def test_what_stopped_is_counted_beside_the_mean_of_what_did_not() -> None:
     text = controlled.summary(rows, ["pi"])
     assert "| friction | | 3000 |" in text
     assert "| chatter | | 200 (1 of 3 stopped) |" in text
-    said = {"said": "named: presliding", "after": 0.4}
-    text = controlled.summary([{**done, **said}], ["pi"])
+    mended = {"verdict": "named: presliding", "after": 0.4}
+    text = controlled.summary([{**done, **mended}], ["pi"])
     assert "| none | named: presliding | 1000 to 400 (2.5) |" in text
 
 
@@ -111,5 +111,5 @@ def test_a_wrong_motor_inertia_is_named_by_logs_and_the_mended_model_pays(
 ) -> None:
     monkeypatch.setattr(controlled, "SECONDS", 4.0)
     case = controlled.run("predictive", "motor_inertia", 1, 0.0, 0.0, True, tmp_path)
-    assert case["said"] == "named: motor_inertia"
+    assert case["verdict"] == "named: motor_inertia"
     assert case["after"] < 0.5 * case["rms"] or not math.isfinite(case["rms"])

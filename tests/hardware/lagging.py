@@ -1,7 +1,7 @@
 """The example of the hardware page and a wrist, played with a motor that lags.
 
 The bench is the rig of `play_rig.py`, in simulated time: a hand swings the joint while
-0.5 N m are asked for. A controller either knows the lag (`Drive.motor_lag`) or takes it
+0.5 N m are desired. A controller either knows the lag (`Drive.motor_lag`) or takes it
 for 0. Errors are RMS, of the torque that the joint truly got.
 """
 

@@ -74,8 +74,8 @@ def test_moments_and_lines_are_those_of_linear_algebra() -> None:
     mean, covariance = random.normal(size=3), root @ root.T
     points = sigma_points(mean, covariance)
     assert np.mean(points, axis=0) == pytest.approx(mean)
-    apart = points[1:] - mean
-    assert apart.T @ apart / 6.0 == pytest.approx(covariance)
+    shifts = points[1:] - mean
+    assert shifts.T @ shifts / 6.0 == pytest.approx(covariance)
     found, offset, residual = linearize(points, points @ slope.T + 7.0)
     assert found == pytest.approx(slope)
     assert offset == pytest.approx(np.full(5, 7.0))

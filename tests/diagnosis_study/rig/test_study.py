@@ -7,7 +7,7 @@ from typing import Any
 
 import diagnose_benchmark
 import pytest
-from diagnose_benchmark import is_alone, is_right, judged, run, summary
+from diagnose_benchmark import cases, is_alone, is_right, judged, run, summary
 from diagnose_benchmark import word_of as went
 from hypothesis import given
 from hypothesis import strategies as st
@@ -123,10 +123,10 @@ def test_a_verdict_is_right_if_it_names_all_that_is_hidden_and_no_more(
 
 
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
-def test_rates_count_the_cases_below_them(told: list[dict[str, Any]]) -> None:
+def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> None:
     records = [
         record | {"seed": seed, "make": f"make {seed % 2}"}
-        for seed, record in enumerate(told)
+        for seed, record in enumerate(judgements)
     ]
     above, below = summary(records).split("<details>")
     rates = {tuple(row[:3]): row[3:] for row in rows(above) if len(row) == 10}
@@ -154,6 +154,22 @@ def test_rates_count_the_cases_below_them(told: list[dict[str, Any]]) -> None:
     assert len(failed) == sum(not is_alone(r) for r in records)
     (odds,) = (row for row in rows(above) if row[0] == "0.85 to 0.92")
     assert int(odds[1]) == len(records)
+
+
+def test_every_effect_is_hidden_in_rigs_of_its_own_at_every_strength() -> None:
+    hidden, makes = [*MAKES["guides"].effects, "none", "none"], ("guides", "bristles")
+    found = list(cases(hidden, makes, STRENGTHS, ("bare",), 7, rounds=2))
+    rigs: dict[int, set[str]] = {}
+    for case in found:
+        rigs.setdefault(case.seed, set()).add(case.hidden)
+    assert all(len(names) == 1 for names in rigs.values())
+    each = [(c.make, c.hidden, c.strength) for c in found]
+    for make in makes:
+        assert each.count((make, "none", 0.0)) == 4
+        for name in MAKES[make].effects:
+            for size in STRENGTHS:
+                known = name in MAKES["guides"].effects
+                assert each.count((make, name, size)) == 2 * known
 
 
 @pytest.mark.study

@@ -11,7 +11,7 @@ import numpy as np
 
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as laws
-from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
+from cc_mujoco.control._cable_model import cable_table, joint_spring
 from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
@@ -32,6 +32,8 @@ class _KnownMotor(SteppedController):
         """Prepare; raise a `CableError` if cables or rotor are not known."""
         super().__init__(drive)
         require_known_motor(drive)
+        self.spring = joint_spring(drive.cables, self.limits)
+        """All cables as a spring at the joint, see `guard.STIFFNESS`."""
 
 
 class BacklashInverse(_KnownMotor):
@@ -54,7 +56,7 @@ class BacklashInverse(_KnownMotor):
 
     def law_tables(self) -> LawTables:
         drive = self.drive
-        stiffness, late = joint_stiffness(drive.cables, self.limits), total_delay(drive)
+        stiffness, late = self.spring[guard.STIFFNESS], total_delay(drive)
         # Of the motor's position [rad/s].
         bandwidth = min(self.delay_share / late, self.max_bandwidth)
         noise = laws.BAND_SIGMAS * drive.torque_noise / stiffness
@@ -67,14 +69,11 @@ class BacklashInverse(_KnownMotor):
             max(noise, 5e-4),  # motion of the joint below which it is still [rad]
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
-        cables, spring = (
-            cable_table(drive.cables, self.limits),
-            joint_spring(drive.cables, self.limits),
-        )
+        cables = cable_table(drive.cables, self.limits)
         first = laws.OWN_MEMORY + guard.LIMITS + len(gains)
         return LawTables(
             cables.shape,
-            tuple(np.concatenate([gains, spring, cables.ravel()]).tolist()),
+            tuple(np.concatenate([gains, self.spring, cables.ravel()]).tolist()),
             first + laws.INVERSE_GUARD + guard.MEMORY_SIZE,
             (first + laws.INVERSE_GUARD + guard.COMMAND,),
         )
@@ -104,7 +103,7 @@ class LinearQuadraticGaussian(_KnownMotor):
 
     def __init__(self, drive: Drive) -> None:
         super().__init__(drive)
-        rigidity = joint_stiffness(drive.cables, self.limits)
+        rigidity = float(self.spring[guard.STIFFNESS])
         with single_threaded_blas():  # its threads take 30 times as long
             self.design, slip = _design(self, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
@@ -112,8 +111,7 @@ class LinearQuadraticGaussian(_KnownMotor):
         self._late = round(total_delay(drive) / drive.period - 0.5)
 
     def law_tables(self) -> LawTables:
-        spring = joint_spring(self.drive.cables, self.limits)
-        numbers = np.array(self._own_gains), spring, *map(np.ravel, self.design)
+        numbers = np.array(self._own_gains), self.spring, *map(np.ravel, self.design)
         first = laws.OWN_MEMORY + guard.LIMITS + len(self._own_gains)
         size = laws.HEADER + STATES + self._late
         return LawTables(

@@ -42,7 +42,7 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 """Columns of the table of cables: arms at motor and joint [m/rad], mu times wrap,
-compliance as in `stiffness` [m/N], pretension [N]."""
+compliance as in `set_stiffness` [m/N], pretension [N]."""
 
 _MAX_OVERRATED = 0.25
 """Share of a cable's largest tension by which a linear spring may overrate it: half of
@@ -179,18 +179,23 @@ def pack(
     kernel.pack(changed, sections, n, prm)
 
 
-def joint_stiffness(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> float:
-    """Return the `stiffness` of all cables of a device at its joint [N m/rad].
+def joint_spring(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> FloatArray:
+    """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`.
 
     A `CableWarning` is given if a cable is much less taut at small torques than a
     linear spring of that stiffness, as one with clearance in its bends may be.
     """
+    spring = np.zeros(guard.SPRING_SIZE)
+    if not cables:
+        return spring
     made, most = stepper_cables(cables), guard.largest_torque(limits)
-    shares = np.linspace(0.02, 1.0, 50)
     for k, one in enumerate(cables):
+        sections = np.array(one.cable.conduit, dtype=float)
+        add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
         largest = most / abs(one.distal)
         if soft_compliance(made.prm[k], made.n[k], largest) == 0.0:
             continue  # a linear spring, as most are
+        shares = np.linspace(0.02, 1.0, 50)
         give = np.full(shares.size, one.cable.length / one.cable.axial_stiffness)
         for i, share in enumerate(shares):
             give[i] += soft_compliance(made.prm[k], made.n[k], share * largest)
@@ -205,18 +210,7 @@ def joint_stiffness(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> 
                 CableWarning,
                 stacklevel=2,
             )
-    return stiffness(made, most)
-
-
-def joint_spring(cables: Sequence[CableDrive], limits: guard.DriveLimits) -> FloatArray:
-    """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`."""
-    spring = np.zeros(guard.SPRING_SIZE)
-    for one in cables:
-        sections = np.array(one.cable.conduit, dtype=float)
-        add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
-    if cables:
-        joint_stiffness(cables, limits)  # warns
-        set_stiffness(stepper_cables(cables), guard.largest_torque(limits), spring)
+    set_stiffness(made, most, spring)
     return spring
 
 
@@ -246,22 +240,9 @@ def soft_compliance(prm: FloatArray, n: int, tension: float) -> float:
     return float((nodes.rest_spring_stretch(prm, tension) + seated) / tension)
 
 
-@compiled
-def stiffness(cables: stepper.Cables, largest: float) -> float:
-    """Return the stiffness of packed cables as one spring at the joint [N m/rad].
-
-    It is that of a linear spring that stretches as the cables do at the `largest`
-    torque [N m].
-    """
-    total = 0.0
-    for k in range(cables.n.size):
-        total += _rigidity(cables, k, largest)
-    return total
-
-
 @internal
 def _rigidity(cables: stepper.Cables, k: int, largest: float) -> float:
-    """Return the part of cable `k` in `stiffness` [N m/rad]."""
+    """Return the part of cable `k` in `set_stiffness` [N m/rad]."""
     prm, arm = cables.prm[k], cables.distal[k]
     soft = soft_compliance(prm, cables.n[k], largest / abs(arm))
     if soft == 0.0:
@@ -271,12 +252,16 @@ def _rigidity(cables: stepper.Cables, k: int, largest: float) -> float:
 
 @compiled
 def set_stiffness(cables: stepper.Cables, largest: float, spring: FloatArray) -> None:
-    """Set the `stiffness` of a spring, and its ends that harden or lose work.
+    """Set the stiffness of packed cables as one spring, and ends that harden or lose.
 
-    Cables that turn the joint together have the mean stretch, weighted by the share of
-    the torque that each has at the `largest` [N m].
+    The stiffness is that of a linear spring that stretches as the cables do at the
+    `largest` torque [N m]. Cables that turn the joint together have the mean stretch,
+    weighted by the share of that torque that each has.
     """
-    spring[guard.STIFFNESS] = whole = stiffness(cables, largest)
+    whole = 0.0
+    for k in range(cables.n.size):
+        whole += _rigidity(cables, k, largest)
+    spring[guard.STIFFNESS] = whole
     taut, soft, hardening, loss = 0.0, 0.0, 0.0, 0.0
     for k in range(cables.n.size):
         prm, arm = cables.prm[k], abs(cables.distal[k])

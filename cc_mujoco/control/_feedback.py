@@ -22,7 +22,7 @@ from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
+from cc_mujoco.control._cable_model import cable_table, joint_spring
 from cc_mujoco.control._controller import (
     WOUND,
     LawTables,
@@ -221,14 +221,15 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
     limits = motor_limits(drive)
-    stiffness = joint_stiffness(drive.cables, limits) / drive.ratio**2
+    spring = joint_spring(drive.cables, limits)
+    stiffness = float(spring[guard.STIFFNESS]) / drive.ratio**2
     damping = 2.0 * 0.7 * math.sqrt(stiffness * inertia)  # damping ratio 0.7
     damping = min(damping, _DELAY_SHARE * inertia / late)
     # At most 2: with little delay the share alone would allow any gain.
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), 2.0)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
     integral = integral_share * (1.0 + proportional) * bandwidth
-    damping *= guard.damper_share(limits, joint_spring(drive.cables, limits))
+    damping *= guard.damper_share(limits, spring)
     return LoopGains(damping / stiffness, proportional, integral)
 
 
@@ -271,10 +272,8 @@ class TunedFeedback(ProportionalIntegral):
         self.dead_sigmas = self.single_dead_sigmas if drive.one_way else 0.0
 
     def law_tables(self) -> LawTables:
-        cables, noise = (
-            cable_table(self.drive.cables, self.limits),
-            self.drive.torque_noise,
-        )
+        cables = cable_table(self.drive.cables, self.limits)
+        noise = self.drive.torque_noise
         settings = self.friction_share, self.slip_speed, self.dead_sigmas, noise
         return LawTables(
             cables.shape,

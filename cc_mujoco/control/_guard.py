@@ -315,34 +315,21 @@ def _rest_stretch(spring: FloatArray, sides: float) -> float:
 
 
 @internal
-def _soft_pull(
+def _pull(
     spring: FloatArray, sides: float, stretch: float, held: FloatArray, side: int
 ) -> float:
-    """Return the torque of the cables of one of `sides`, with ends that harden [N m].
+    """Return the torque of the cables of one of `sides` without friction [N m].
 
-    `held` has T_held of the ends of every side [N m] and is updated.
+    `held` has T_held of ends that harden of every side [N m] and is updated.
     """
+    if spring[SOFT] == 0.0:
+        rest = spring[REST] / sides
+        return float(max(rest + spring[STIFFNESS] / sides * stretch, 0.0))
     now = _side(spring, sides, held[side])
     whole = _rest_stretch(spring, sides) + stretch
     pull = max(elastic.tension_of(now, whole), 0.0)
     held[side] = elastic.held_tension(now, pull)
     return float(pull)
-
-
-@internal
-def _pulls(
-    spring: FloatArray, one_way: bool, stretch: float, held: FloatArray
-) -> tuple[float, float]:
-    """Return the torques of cables that pull forwards, and back, without friction."""
-    if one_way:
-        if spring[SOFT] > 0.0:
-            return _soft_pull(spring, 1.0, stretch, held, 0), 0.0
-        return max(spring[REST] + spring[STIFFNESS] * stretch, 0.0), 0.0
-    if spring[SOFT] > 0.0:
-        one = _soft_pull(spring, 2.0, stretch, held, 0)
-        return one, _soft_pull(spring, 2.0, -stretch, held, 1)
-    pulled = 0.5 * spring[STIFFNESS] * stretch
-    return max(0.5 * spring[REST] + pulled, 0.0), max(0.5 * spring[REST] - pulled, 0.0)
 
 
 @compiled
@@ -357,14 +344,9 @@ def spring_edges(
     """
     low = _least_share(spring[FRICTION])
     high = low * np.exp(spring[FRICTION])
-    one, other = _pulls(spring, one_way, stretch, held)
+    one = _pull(spring, 1.0 if one_way else 2.0, stretch, held, 0)
+    other = 0.0 if one_way else _pull(spring, 2.0, -stretch, held, 1)
     return low * one - high * other, high * one - low * other
-
-
-@internal
-def _rest_ends(spring: FloatArray, one_way: bool, held: FloatArray) -> None:
-    """Set T_held of ends that harden to that of cables loaded to their pretension."""
-    held[0] = held[1] = spring[REST] if one_way else 0.5 * spring[REST]
 
 
 @internal
@@ -387,8 +369,8 @@ def _stretch_at(
     for _ in range(_HALVINGS):
         stretch = 0.5 * (low + high)
         held[0], held[1] = first, last
-        one, other = _pulls(spring, False, stretch, held)
-        if one - other < torque:
+        one = _pull(spring, 2.0, stretch, held, 0)
+        if one - _pull(spring, 2.0, -stretch, held, 1) < torque:
             low = stretch
         else:
             high = stretch
@@ -461,7 +443,7 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
         held, one_way = memory[_HELD : _HELD + 2], limits.one_way != 0.0
         sign = np.sign(limits.ratio) if one_way else 1.0
         pull = max(sign * seen[TORQUE], 0.0) if one_way else seen[TORQUE]
-        _rest_ends(spring, one_way, held)
+        held[:] = spring[REST] if one_way else 0.5 * spring[REST]
         memory[_REFERENCE] -= sign * _stretch_at(spring, one_way, pull, held)
     for i in range(READINGS):
         memory[_AT_PREDICTED + i] = memory[_PREDICTED]

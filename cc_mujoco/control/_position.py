@@ -34,7 +34,8 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.control._cable_model import joint_stiffness, stepper_cables
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import joint_spring, stepper_cables
 from cc_mujoco.control._controller import (
     Controller,
     motor_limits,
@@ -352,7 +353,7 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
     every = max(1, trial.joint_angle.size // 500)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
     weights = HysteresisTrial(motor, joint).weights
-    cables = joint_stiffness(drive.cables, motor_limits(drive))
+    cables = joint_spring(drive.cables, motor_limits(drive))[guard.STIFFNESS]
 
     def parameters(logs: Array) -> CableParameters:
         friction, pretension, spring = np.exp(np.clip(logs, -6.0, 4.0)).tolist()

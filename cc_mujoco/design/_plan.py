@@ -314,8 +314,8 @@ def _make_protocol(
         ):
             raise CableError(
                 f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
-                f"it needs a device that drives one, as 'ankle' and 'exosuit' do, and "
-                "the trajectory 'walk'."
+                f"it needs a device that drives one, as 'ankle', 'exosuit' and "
+                "'bilateral' do, and the trajectory 'walk'."
             )
         if unheld and metric.test in protocols.HELD_TESTS:
             raise CableError(f"metric {name!r} holds the joints, but {unheld}.")

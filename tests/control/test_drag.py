@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _rollout as rollout
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import motor_limits
 from control.devices import single
 from control.friction_terms import DRAG, LARGE, SHARES, designs, play, sized
@@ -37,7 +38,8 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
     start = stepper.rest_states(cables, 0.0, 0.0)
     new, leapt = np.zeros_like(start), np.zeros_like(start)
     work, tolerance = stepper.scratch(cables), 0.01
-    rise = joint_stiffness([dataclasses.replace(own, cable=cable)], LIMITS)
+    spring = joint_spring([dataclasses.replace(own, cable=cable)], LIMITS)
+    rise = spring[guard.STIFFNESS]
 
     def pull(paid: float) -> float:
         stepper.move(cables, start, -paid, moved, DT, leapt, work)
@@ -70,7 +72,8 @@ def test_slack_at_the_motor_leaves_the_pull_of_known_drag_as_it_is(term: str) ->
     start = stepper.rest_states(cables, 0.0, 0.0)
     new, leapt = np.zeros_like(start), np.zeros_like(start)
     work, tolerance, slack = stepper.scratch(cables), 0.01, 2.0
-    rise = joint_stiffness([dataclasses.replace(own, cable=cable)], LIMITS)
+    spring = joint_spring([dataclasses.replace(own, cable=cable)], LIMITS)
+    rise = spring[guard.STIFFNESS]
 
     def left(slack: float) -> tuple[float, float]:
         search = rollout.MotorSearch(

@@ -18,9 +18,10 @@ from cc_mujoco.benchmark import SUITES, Cell, Condition, play
 from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control import AdaptiveModel, CableModel, PredictiveCompensation
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _rollout as rollout
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._predictive import filter_gains, optimal_plan
 from cc_mujoco.device import Sensing, Sensors
@@ -298,7 +299,7 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     model.ready(np.zeros(1))
     cables = model.cables
     state, new = model.state[0].copy(), np.zeros_like(model.state[0])
-    rise = joint_stiffness(drive.cables, motor_limits(drive))
+    rise = joint_spring(drive.cables, motor_limits(drive))[guard.STIFFNESS]
     stepper.move(cables, state, turned, 0.0, 0.01, new, model.work)
     state[:] = new
     lack = aimed - rollout.joint_torque(cables, state, turned)

@@ -281,7 +281,7 @@ def test_strides_are_measured_only_where_they_are_asked_for() -> None:
         ("ankle", {"gait_speed": "1"}, {"across": {"gait_speed": "1.2"}},
          "'gait_speed' is both varied and crossed"),
         ("finger", {"friction": "0.1"}, {"metrics": ["wearer_work"]},
-         "a device that drives one, as 'ankle' and 'exosuit' do, and the trajectory"),
+         "as 'ankle', 'exosuit' and 'bilateral' do, and the trajectory"),
         ("ankle", {"friction": "0.1"},
          {"metrics": ["swing_torque"], "trajectory": "sine"}, "strides of an ass"),
     ],

@@ -140,7 +140,7 @@ class CoupledCables:
         n, out = cable.segments, np.empty((5, motor.size))
         _play(
             cables, tables, motor, joint, dt, np.zeros((2, kernel.state_size(n))),
-            np.empty(kernel.work_size(n)), np.zeros((8, n + 1)), out,
+            np.empty(kernel.work_size(n)), np.zeros((9, n + 1)), out,
         )  # fmt: skip
         return out
 
@@ -227,11 +227,11 @@ def _play(
     """Compute `out`: tensions [N], torques of joint and motor [N m], friction heat [J].
 
     They are rows (samples,) in this order. Scratch are `states` of two steps and
-    `nodes` (8, n + 1), both 0 before, and `work`.
+    `nodes` (9, n + 1), both 0 before, and `work`.
     """
     n, prm = cables.n[0], cables.prm[0]
     state, new = states[0], states[1]
-    wrap, contact = nodes[0, :n], nodes[1, :n]
+    wrap, contact, bent = nodes[0, :n], nodes[1, :n], nodes[8, :n]
     before, gained, gain = nodes[2], nodes[3], nodes[4]
     longer, length, was = nodes[5], nodes[6], nodes[7]
     lengthens = prm[layout.PATH_LENGTHENS] != 0.0
@@ -249,14 +249,15 @@ def _play(
         if interrupted(k):
             return
         u_proximal, lever = stepper.proximal_displacement(cables, 0, motor[k])
-        turns = k == 0 or joint[k] != joint[k - 1]
-        if turns:
+        bent[:] = wrap
+        if k == 0 or joint[k] != joint[k - 1]:
             row, share = _table_position(tables, joint[k])
             _interpolate_row(tables.wrap, row, share, wrap)
             _interpolate_row(tables.contact, row, share, contact)
             _interpolate_row(tables.gained, row, share, gained)
             _interpolate_row(tables.gain, row, share, gain)
             u_distal = _between_rows(tables.distal, row, share)
+            set_path(prm, n, wrap, contact)
         if lengthens:
             was, length = length, was
             _interpolate_row(tables.length, row, share, length)
@@ -264,12 +265,9 @@ def _play(
                 longer[i] = gained[i] - before[i]
                 before[i] = gained[i]
             recall_springs(prm, state)
-            moving_path.carry(prm, n, layout.tensions(state, n), was, length, longer)
-            moving_path.bend_conduit(
-                prm, n, layout.tensions(state, n), layout.segment_angles(prm, n), wrap
+            moving_path.carry(
+                prm, n, layout.tensions(state, n), was, length, longer, bent, wrap
             )
-        if turns:
-            set_path(prm, n, wrap, contact)
         kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
         state, new = new, state
         tension = layout.tensions(state, n)

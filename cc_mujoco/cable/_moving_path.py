@@ -137,12 +137,16 @@ def carry(
     before: FloatArray,
     now: FloatArray,
     gained: FloatArray,
+    was: FloatArray,
+    bends: FloatArray,
 ) -> bool:
     """Move a packed cable to another path; return whether a step depends on the change.
 
-    `PATH_LENGTHENS` is set. The nodes (n + 1,) have `tension` before the step [N] and
-    length of path `before` and `now` [m]. `gained` is by how much each path would be
-    longer if nothing slipped [m]; its sum is the change in length.
+    `PATH_LENGTHENS` is set, and the angles of the segments are those of the new path.
+    The nodes (n + 1,) have `tension` before the step [N] and length of path `before`
+    and `now` [m]. `gained` is by how much each path would be longer if nothing slipped
+    [m]; its sum is the change in length. `was` and `bends` (n,) are the angles of the
+    segments that the route bends, before and now [rad].
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
@@ -151,7 +155,7 @@ def carry(
     flow, carried, changed = 0.0, 0.0, False
     following = stretch_ratio(prm, tension[0])
     springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
-    gives = springs + prm[PLACE.clearance] > 0.0
+    play = prm[PLACE.clearance]
     for i in range(n + 1):
         came, ratio, grown = carried, following, now[i] - before[i]
         flow += gained[i] - grown
@@ -163,8 +167,11 @@ def carry(
             changed = changed or flow != path[i] or carried != cable[i]
             path[i], cable[i] = flow, carried
         share, rope = 1.0 / ratio, now[i]
-        if gives:
+        if springs + play > 0.0:
             rope -= nodes.given_way(prm, n, i, tension[i])
+        if play > 0.0:
+            grown += nodes.seated_at(prm, n, was, i, tension[i])
+            grown -= nodes.seated_at(prm, n, bends, i, tension[i])
         taken = grown * share + carried - came
         loose = rope * share * share
         if tension[i] < 0.0:
@@ -219,25 +226,6 @@ def _tension_by_law(
         slope += nodes.giving_slope(prm, n, i, tension)
         tension -= (cable * strain - left) / slope
     return tension
-
-
-@internal
-def bend_conduit(
-    prm: FloatArray, n: int, tension: FloatArray, before: FloatArray, now: FloatArray
-) -> None:
-    """Lengthen nodes by the play that bends take in before the next step.
-
-    Call it after `carry`. `tension` (n + 1,) [N] is that before the step. The angles of
-    the segments change from `before` to `now` [rad].
-    """
-    longer = at.lengthening(prm, n)
-    for i in range(n + 1 if prm[PLACE.clearance] > 0.0 else 0):
-        first, seating = nodes.node_play(prm, n, before, i)
-        other, softer = nodes.node_play(prm, n, now, i)
-        if first != other:
-            pull = max(tension[i], 0.0)
-            more = other / (pull + softer) - first / (pull + seating)
-            longer[i] -= tension[i] * more / stretch_ratio(prm, tension[i])
 
 
 @internal

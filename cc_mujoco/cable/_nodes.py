@@ -151,14 +151,22 @@ def wrap_with_play(prm: FloatArray, n: int, angles: FloatArray) -> float:
 
 
 @internal
+def seated_at(
+    prm: FloatArray, n: int, angles: FloatArray, i: int, tension: float
+) -> float:
+    """Return the play that a tension takes at node i in bends of these angles [m]."""
+    play, seating = node_play(prm, n, angles, i)
+    return play * tension / (max(tension, 0.0) + seating)
+
+
+@internal
 def seated_stretch(
     prm: FloatArray, n: int, angles: FloatArray, tension: float
 ) -> float:
     """Return the play that a uniform tension takes in bends of these angles [m]."""
     total = 0.0
     for i in range(n + 1 if prm[PLACE.clearance] > 0.0 else 0):
-        play, seating = node_play(prm, n, angles, i)
-        total += play * tension / (max(tension, 0.0) + seating)
+        total += seated_at(prm, n, angles, i, tension)
     return total
 
 

@@ -291,10 +291,17 @@ def _previous_value(
 @internal
 def previous_lengths(reference: FloatArray, memory: FloatArray, n: int) -> FloatArray:
     """Return the remembered path length of the nodes (n + 1,) [m], see `lengthen`."""
+    return _previous_row(reference, memory, n, _LENGTH)
+
+
+@internal
+def _previous_row(
+    reference: FloatArray, memory: FloatArray, n: int, row: int
+) -> FloatArray:
     # Every node has a length, unless nothing is remembered yet.
     if memory[0] == 0.0:
-        return lengths(reference, n)
-    return memory[: n + 1]
+        return _row(reference, n, row)
+    return _row(memory, n, row - _LENGTH)
 
 
 @internal
@@ -464,17 +471,11 @@ def lay(
     nodes.recall_springs(prm, state)
     lengthen(shape, reference, memory, n, gained)
     before = previous_lengths(reference, memory, n)
-    changed = moving_path.carry(prm, n, tension, before, lengths(shape, n), gained)
-    if memory[0] == 0.0:
-        moving_path.bend_conduit(
-            prm, n, tension, bends_of(reference, n), bends_of(shape, n)
-        )
-    else:
-        first = (_BEND - _LENGTH) * (n + 1)
-        moving_path.bend_conduit(
-            prm, n, tension, memory[first : first + n + 1], bends_of(shape, n)
-        )
+    was = _previous_row(reference, memory, n, _BEND)
     bends = pack.set_path(prm, n, angles(shape, n), contacts(shape, n))
+    changed = moving_path.carry(
+        prm, n, tension, before, lengths(shape, n), gained, was, bends_of(shape, n)
+    )
     return changed or bends
 
 

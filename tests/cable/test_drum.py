@@ -74,7 +74,9 @@ class Rope:
         before, new = self.state.copy(), np.empty_like(self.state)
         tension = layout.tensions(before, 1)
         none = np.zeros(2)
-        moving_path.carry(self.prm, 1, tension, self.length, self.length, none)
+        moving_path.carry(
+            self.prm, 1, tension, self.length, self.length, none, none, none
+        )
         kernel.expect_yielding(self.prm, yields, 0.0)
         kernel.advance(self.prm, 1, before, proximal, distal, 1e-3, new, self.work)
         self.state = new
@@ -199,7 +201,9 @@ def test_a_drum_loses_what_coulomb_friction_around_it_takes(strain: float) -> No
     for paid, length in eased_loop(strain, steps)[1:]:
         before, now = rope.length, np.full(2, 0.5 * length)
         tension, new = layout.tensions(rope.state, 1), np.empty_like(rope.state)
-        moving_path.carry(rope.prm, 1, tension, before, now, now - before)
+        moving_path.carry(
+            rope.prm, 1, tension, before, now, now - before, np.zeros(1), np.zeros(1)
+        )
         kernel.advance(rope.prm, 1, rope.state, paid, 0.0, 1e-3, new, rope.work)
         rope.state, rope.length = new, now
         heat.append(rope.heat)

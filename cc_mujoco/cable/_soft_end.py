@@ -10,6 +10,7 @@ force, C T where h is 0.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -52,28 +53,27 @@ def fit_soft_end(
         CableError: not such curves, a curve that is not of this form, or parameters
             beyond the ranges of a `Cable`.
     """
+    from scipy.optimize import minimize_scalar
+
     stretch, pull = _rising("loading", extension, force, 1.0)
     stretch = stretch - stretch[0]
-    hardening, residual, compliance = 0.0, np.inf, 0.0
-    near, far = 1e-6, 1e4  # bounds of h times the largest force
-    for _ in range(5):
-        for x in np.geomspace(near, far, 61):
-            h = x / pull[-1]
-            shape = np.log1p(h * (pull - pull[0]) / (1.0 + h * pull[0])) / h
-            scale = float(shape @ stretch / (shape @ shape))
-            error = float(np.abs(scale * shape - stretch).max() / stretch[-1])
-            if error < residual:
-                hardening, residual, compliance = h, error, scale
-        step = (far / near) ** (1.0 / 30.0)
-        near, far = hardening * pull[-1] / step, hardening * pull[-1] * step
-    if hardening * pull[-1] < 1e-4:  # as linear as any table can show
-        hardening = 0.0
-    if residual > tolerance:
+
+    def spring(x: float) -> SoftEnd:
+        h = math.exp(x) / float(pull[-1])
+        shape = np.log1p(h * (pull - pull[0]) / (1.0 + h * pull[0])) / h
+        scale = float(shape @ stretch / (shape @ shape))
+        error = float(np.abs(scale * shape - stretch).max() / stretch[-1])
+        # As linear as any table can show: no hardening.
+        return SoftEnd(scale, h if x > math.log(1e-4) else 0.0, 0.0, error)
+
+    span = math.log(1e-6), math.log(1e4)  # of h times the largest force
+    best = minimize_scalar(lambda x: spring(x).residual, bounds=span)
+    soft = spring(float(best.x))
+    if soft.residual > tolerance:
         raise CableError(
-            f"the loading curve is up to {residual:.2g} of its range off C ln(1 + h T) "
-            f"/ h; no spring of a cable is within {tolerance:g} of it"
+            f"the loading curve is up to {soft.residual:.2g} of its range off "
+            f"C ln(1 + h T) / h; no spring of a cable is within {tolerance:g} of it"
         )
-    loss = 0.0
     if unloading is not None:
         back, eased = _rising("unloading", *unloading, -1.0)
         if max(pull[0], eased[0]) > 1e-2 * pull[-1]:
@@ -81,13 +81,13 @@ def fit_soft_end(
                 "a loss is that of a loop from no force; the curves begin and end at "
                 f"{pull[0]:g} N and {eased[0]:g} N"
             )
-        loss = 1.0 - float(np.trapezoid(eased, back) / np.trapezoid(pull, stretch))
-    found = SoftEnd(compliance, hardening, loss, residual)
-    for name, value in zip(("compliance", "hardening", "loss"), found, strict=False):
+        returned = np.trapezoid(eased, back) / np.trapezoid(pull, stretch)
+        soft = soft._replace(loss=1.0 - float(returned))
+    for name, value in zip(("compliance", "hardening", "loss"), soft, strict=False):
         bounds = _BOUNDS[f"end_{name}"]
         if not bounds.admits(value):
             raise CableError(f"the {name} is {value:.3g}; it must be {bounds.allowed}")
-    return found
+    return soft
 
 
 def _rising(

@@ -115,8 +115,8 @@ def moved(spec: mujoco.MjSpec):
 @pytest.mark.parametrize(
     ("name", "angle", "tension"),
     [
-        ("finger", 1e-5, 2e-4), ("hand", 1e-5, 2e-4),
-        ("exosuit", 2e-4, 5e-4), ("bilateral", 2e-4, 2e-4),
+        ("finger", 3e-6, 8e-5), ("hand", 7e-6, 2e-4),
+        ("exosuit", 2e-4, 5e-4), ("bilateral", 1.4e-4, 8e-5),
     ],
 )  # fmt: skip
 def test_a_device_moves_as_with_the_plugin(name, angle, tension):

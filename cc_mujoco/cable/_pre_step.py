@@ -13,7 +13,6 @@ from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
-from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
@@ -168,13 +167,11 @@ def add_end_springs(
     before, new_state = at.tensions(step.state, n), step.new_state
     for i in range(n + 1):
         tension[i] = old[i]
-    own_proximal = nodes.node_stretch(prm, n, 0, old[0])
-    own_distal = nodes.node_stretch(prm, n, n, old[n])
-    pack.expect_yielding(prm, yield_proximal, yield_distal)
     for end in range(2):
         i = n * end
-        own = own_distal if end == 1 else own_proximal
+        own = nodes.node_stretch(prm, n, i, old[i])
         yielding = yield_distal if end == 1 else yield_proximal
+        prm[at.YIELD_DISTAL if end == 1 else at.YIELD_PROXIMAL] = yielding
         nodes.set_node(prm, n, i)
         if old[i] != before[i] or old[i] < 0.0:
             whole = own + yielding * max(before[i], 0.0)
@@ -191,13 +188,11 @@ def remove_end_springs(
     """Remove the springs of `add_end_springs` and update the positions of the ends."""
     new_state = step.new_state
     before, now = at.tensions(step.state, n), at.tensions(new_state, n)
-    whole_proximal = nodes.node_stretch(prm, n, 0, now[0])
-    whole_distal = nodes.node_stretch(prm, n, n, now[n])
-    pack.expect_yielding(prm, 0.0, 0.0)
     for end in range(2):
         i = n * end
-        whole = whole_distal if end == 1 else whole_proximal
+        whole = nodes.node_stretch(prm, n, i, now[i])
         yielding = yield_distal if end == 1 else yield_proximal
+        prm[at.YIELD_DISTAL if end == 1 else at.YIELD_PROXIMAL] = 0.0
         nodes.set_node(prm, n, i)
         if now[i] < 0.0:
             now[i] = nodes.tension_at(prm, n, i, whole)

@@ -40,6 +40,14 @@ OF_A_CONDUIT = (
     "clearance",
 )  # fmt: skip
 """Parameters of what only a conduit has; they are off where the whole path is open."""
+NEEDED = {
+    "tension_exponent": "pretension",
+    "end_hardening": "end_compliance", "end_loss": "end_compliance",
+    "proximal_hardening": "proximal_compliance",
+    "proximal_loss": "proximal_compliance",
+}  # fmt: skip
+"""Parameters that are off where another, which each names, is 0."""
+OFF_WITHOUT = "0 (off) where `{}` is 0"
 ENDS = ("auto", "explicit")
 """Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
 ALLOWED = {
@@ -209,8 +217,9 @@ class Cable:
         if 0.0 < self.static_friction < self.friction:
             allowed = f"0 (off) or at least `friction` = {self.friction!r}"
             raise self._refusal("static_friction", allowed)
-        if self.tension_exponent != 0.0 and self.pretension == 0.0:
-            raise self._refusal("tension_exponent", "0 (off) where `pretension` is 0")
+        for name, needed in NEEDED.items():
+            if own[name] != 0.0 and own[needed] == 0.0:
+                raise self._refusal(name, OFF_WITHOUT.format(needed))
         if (
             not isinstance(self.segments, int)
             or isinstance(self.segments, bool)
@@ -263,12 +272,6 @@ class Cable:
                 f"{self.path!r}; it must be {ALLOWED['mouth']}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
-        for end in "end", "proximal":
-            spring = f"{end}_compliance"
-            for name in f"{end}_hardening", f"{end}_loss":
-                if getattr(self, name) != 0.0 and getattr(self, spring) == 0.0:
-                    allowed = f"0 (off) where `{spring}` is 0"
-                    raise self._refusal(name, allowed)
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:
                 raise CableError(
@@ -460,10 +463,11 @@ def _parse_sections(text: str) -> tuple[Section, ...] | None:
         length, _, rest = word.partition(":")
         radius, *factors = rest.split(":")
         bend = math.inf if radius == "inf" else _parse_decimal(radius)
-        numbers = [_parse_decimal(length), bend, *map(_parse_decimal, factors)]
-        if None in numbers or len(factors) not in (0, 2):
+        given = _parse_decimal(length), bend, *map(_parse_decimal, factors)
+        numbers = [number for number in given if number is not None]
+        if len(numbers) < len(given) or len(factors) not in (0, 2):
             return None
-        sections.append(Section(*numbers))  # type: ignore[arg-type]
+        sections.append(Section(*numbers))
     return tuple(sections)
 
 

@@ -172,7 +172,7 @@ def inlined(function: Function) -> Function:
 
     It is for short ones, called so often that calls would cost more than their work.
     """
-    function.inlined = True  # type: ignore[attr-defined]
+    vars(function)["inlined"] = True
     return internal(function)
 
 
@@ -188,7 +188,7 @@ def reinterpret(function: Function) -> Function:
 
     Its arguments are the address and, for an array, its size in each dimension.
     """
-    function.views = "memory"  # type: ignore[attr-defined]
+    vars(function)["views"] = "memory"
     return function
 
 
@@ -197,5 +197,5 @@ def reinterpret_part(function: Function) -> Function:
 
     Its arguments are the array, the index of its first number and its dimensions.
     """
-    function.views = "array"  # type: ignore[attr-defined]
+    vars(function)["views"] = "array"
     return function

@@ -85,6 +85,7 @@ VALID_CONFIGURATION = -1
 KEY = SimpleNamespace(**{key: i for i, key in enumerate(KEYS)})
 """Index of each key in `KEYS`, as an attribute; scalar parameters come first."""
 _OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
+_NEEDED = tuple((KEYS.index(key), KEYS.index(it)) for key, it in cable.NEEDED.items())
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Indices of drag parameters per length of conduit; drag of a seal is in newtons."""
 _SCALARS = SimpleNamespace(
@@ -109,13 +110,8 @@ def _allowed_values() -> tuple[str, ...]:
     )
     for key, before in (
         ("static_friction", "0 (off) or at least `friction`"),
-        ("tension_exponent", "0 (off) where `pretension` is 0"),
         ("stress_relaxation", "0 (off) where sections differ in `seating_tension`"),
-        *(
-            (f"{end}_{name}", f"0 (off) where `{end}_compliance` is 0")
-            for end in ("end", "proximal")
-            for name in ("hardening", "loss")
-        ),
+        *((key, cable.OFF_WITHOUT.format(it)) for key, it in cable.NEEDED.items()),
     ):
         own[key] = f"{before}, and {own[key]}"
     return tuple(own[key] for key in KEYS)
@@ -297,16 +293,9 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
         values[key] = x
     if 0.0 < values[KEY.static_friction] < values[KEY.friction]:
         return KEY.static_friction, 0
-    if values[KEY.tension_exponent] != 0.0 and values[KEY.pretension] == 0.0:
-        return KEY.tension_exponent, 0
-    if values[KEY.end_compliance] == 0.0 and values[KEY.end_hardening] > 0.0:
-        return KEY.end_hardening, 0
-    if values[KEY.end_compliance] == 0.0 and values[KEY.end_loss] > 0.0:
-        return KEY.end_loss, 0
-    if values[KEY.proximal_compliance] == 0.0 and values[KEY.proximal_hardening] > 0.0:
-        return KEY.proximal_hardening, 0
-    if values[KEY.proximal_compliance] == 0.0 and values[KEY.proximal_loss] > 0.0:
-        return KEY.proximal_loss, 0
+    for key, needed in _NEEDED:
+        if values[key] != 0.0 and values[needed] == 0.0:
+            return key, 0
     if segment_count(block) == 0:
         return KEY.segments, 0
     bend = key_text(block, KEY.bend)

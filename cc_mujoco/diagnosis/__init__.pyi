@@ -16,7 +16,6 @@ from ._fit.problem import huber_residual as huber_residual
 from ._fit.problem import overall_share as overall_share
 from ._fit.problem import predicted as predicted
 from ._fit.problem import trial_folds as trial_folds
-from ._learn.curves import LearnedAngleCurve as LearnedAngleCurve
 from ._learn.curves import LearnedCurve as LearnedCurve
 from ._loading import load as load
 from ._propose.experiment import MOTION_STEP as MOTION_STEP

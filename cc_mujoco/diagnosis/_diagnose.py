@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
-from cc_mujoco.diagnosis._learn.residual import LearnedModel, learn_residual
+from cc_mujoco.diagnosis._learn.residual import learn_residual
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._locate import locate_error
 from cc_mujoco.diagnosis._partial.loss import diagnose_loss
@@ -175,17 +175,14 @@ def run_inference(
     found = search_effects(fitted, progress)
     diagnosis, motion = propose(found, judge(found))
     diagnosis, evidence = locate_error(found, diagnosis)
-    diagnosis, learned = learn_residual(found, diagnosis)
+    diagnosis, problem, x = learn_residual(found, diagnosis)
     progress(0.95, "writing it down")
     baseline = fitted.problem
     counts = [record.counts for record in found.problem.plant.records]
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
     diagnosis = replace(diagnosis, baseline=Baseline(values, open_ones))
-    model = learned or LearnedModel(found.problem, found.x, ())
-    return DiagnosisResult(
-        diagnosis, bench, evidence, model.problem, model.x, fitted, motion, model.kinds
-    )
+    return DiagnosisResult(diagnosis, bench, evidence, problem, x, fitted, motion)
 
 
 def _paths(

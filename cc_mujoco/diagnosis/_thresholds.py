@@ -279,14 +279,8 @@ class Limit:
     max_curves = 3  # Most curves
     refined_curves = 4  # Candidates tried with every penalty and side
     max_waves = 400  # Most periods of a quantity that are tried
-    formula_widths = (
-        0.02,
-        0.03,
-        0.045,
-        0.07,
-        0.1,
-        0.16,
-    )  # of a curve's range, tried for formulas
+    # Widths of formulas that are tried, over a curve's range
+    formula_widths = 0.02, 0.03, 0.045, 0.07, 0.1, 0.16
     shape_steps = 0.2, 0.1, 0.05  # of a formula's width, by which its shape is refined
     formula_ridge = 1e-6  # Penalty of a formula's amplitude
     # Share of the gap that is left, on trials not used, below which curves are refused

@@ -39,24 +39,6 @@ class Quantity(NamedTuple):
     values: Callable[[Signals, Side], FloatArray]  # (samples,) of the torque of a side
 
 
-def _travel(signals: Signals, _: Side) -> FloatArray:
-    """Return the motor's travel since it turned (samples,), up to a bound [rad]."""
-    return Limit.learned_travel * dry_friction(
-        signals.motor_angle, Limit.learned_travel
-    )
-
-
-def _position(signals: Signals, _: Side) -> FloatArray:
-    """Return the displacement of the middle of the cable (samples,) [m]."""
-    motor = signals.motor_radius * signals.motor_angle
-    return 0.5 * (motor + signals.joint_radius * signals.joint_angle)
-
-
-def _tension(signals: Signals, _: Side) -> FloatArray:
-    """Return the mean tension of all ends of the cables (samples,) [N]."""
-    return np.asarray(0.5 * (signals.tension_proximal + signals.tension_distal).mean(0))
-
-
 def _rising(signals: Signals, side: Side) -> FloatArray:
     """Return 1 where a torque rises, -1 where it falls, between at turns (samples,)."""
     torque = getattr(signals, side)
@@ -64,26 +46,33 @@ def _rising(signals: Signals, side: Side) -> FloatArray:
     return dry_friction(torque, max(turn, 1e-9))
 
 
-def _friction(signals: Signals, _: Side) -> FloatArray:
-    """Return the part of the motor's torque that friction takes (samples,) [N m]."""
-    return signals.motor - signals.motor_radius / signals.joint_radius * signals.joint
-
-
 QUANTITIES: Mapping[str, Quantity] = {
     "joint angle": Quantity("rad", lambda s, _: s.joint_angle),
     "motor angle": Quantity("rad", lambda s, _: s.motor_angle),
-    "cable position": Quantity("m", _position),
+    "cable position": Quantity(  # of its middle
+        "m",
+        lambda s, _: (
+            0.5 * (s.motor_radius * s.motor_angle + s.joint_radius * s.joint_angle)
+        ),
+    ),
     "joint speed": Quantity("rad/s", lambda s, _: s.joint_speed),
     "cable speed": Quantity("m/s", lambda s, _: s.cable_speed[0]),
     "joint acceleration": Quantity(
         "rad/s^2", lambda s, _: np.gradient(s.joint_speed, s.dt)
     ),
-    "tension": Quantity("N", _tension),
+    "tension": Quantity(  # mean of all ends
+        "N", lambda s, _: 0.5 * (s.tension_proximal + s.tension_distal).mean(0)
+    ),
     "torque": Quantity("N m", lambda s, side: getattr(s, side)),
     "torque rate": Quantity(
         "N m/s", lambda s, side: np.gradient(getattr(s, side), s.dt)
     ),
-    "travel since the motor turned": Quantity("rad", _travel),
+    "travel since the motor turned": Quantity(  # up to a bound
+        "rad",
+        lambda s, _: (
+            Limit.learned_travel * dry_friction(s.motor_angle, Limit.learned_travel)
+        ),
+    ),
     "time": Quantity("s", lambda s, _: s.time),
 }
 """Quantities that a learned torque may be a curve over, by name."""
@@ -93,7 +82,9 @@ FACTORS: Mapping[str, Quantity] = {
     "direction": Quantity("1", lambda s, _: dry_friction(s.motor_angle, Limit.wind_up)),
     "torque": Quantity("N m", lambda s, side: getattr(s, side)),
     "torque direction": Quantity("1", _rising),
-    "friction": Quantity("N m", _friction),
+    "friction": Quantity(  # part of the motor's torque that it takes
+        "N m", lambda s, _: s.motor - s.motor_radius / s.joint_radius * s.joint
+    ),
 }
 """Factors of a learned curve by name, 1 without one."""
 
@@ -104,7 +95,6 @@ class LearnedCurve:
     id = "learned"
     needs = "the motions that it was learned on"
     where = "conduit"
-    scene_note = "no element of MuJoCo has a torque over such a quantity"
     over = ""  # of `QUANTITIES`
     times = ""  # of `FACTORS`
     period = 0.0  # after which the table repeats, 0 if it does not; then the ends hold
@@ -118,8 +108,8 @@ class LearnedCurve:
         for names, known in ((self.over, QUANTITIES), (self.times, FACTORS)):
             if names not in known:
                 raise CableError.unknown("quantity", names, [*known])
-        found: dict[Side, FloatArray] = {}
         points = np.asarray(self.at, dtype=np.float64)
+        found: dict[Side, FloatArray] = {}
         for side in SIDES:
             table = np.asarray(getattr(self, f"{side}_torque"), dtype=np.float64)
             if table.size and not (table.shape == points.shape and points.size > 1):
@@ -143,8 +133,7 @@ class LearnedCurve:
         return [Size(f"{self.id}_share", "1", 1.0, meaning, 0.0, 10.0)]
 
     def signals(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        size = values[f"{self.id}_share"]
-        added = {}
+        size, added = values[f"{self.id}_share"], {}
         for side, table in self.tables().items():
             along = QUANTITIES[self.over].values(signals, side)
             factor = size * FACTORS[self.times].values(signals, side)
@@ -152,51 +141,47 @@ class LearnedCurve:
             added[f"{side}"] = factor * shown
         return signals.added(**added)
 
+    @property
+    def _in_scene(self) -> bool:
+        """True if the torques are over the angles of their own sides."""
+        tables = {side: getattr(self, f"{side}_torque") for side in SIDES}
+        own = {f"{side} angle" for side, table in tables.items() if np.size(table)}
+        return own == {self.over} and not self.times
 
-class LearnedAngleCurve(LearnedCurve):
-    """Torque over the angle of its own side, which a scene can have."""
+    @property
+    def scene_note(self) -> str:
+        """Form of the curve in a scene, or the reason that it has none."""
+        if not self._in_scene:
+            return "no element of MuJoCo has a torque over such a quantity"
+        return (
+            "learned, from the error that no effect explains: waves of the torque of "
+            "MuJoCo's DC motor, actuators without input; beyond the angles that it was "
+            "learned on it repeats, turned round"
+        )
 
-    scene_note = (
-        "learned, from the error that no effect explains: waves of the torque of "
-        "MuJoCo's DC motor, actuators without input; beyond the angles that it was "
-        "learned on it repeats, turned round"
-    )
+    @property
+    def edit_spec(self) -> Callable[..., None] | None:
+        """Function that adds the curve to a scene, None if a scene cannot have it."""
+        return self._add_waves if self._in_scene else None
 
-    def edit_spec(
+    def _add_waves(
         self, spec: MjSpec, bench: Bench, values: Mapping[str, float]
     ) -> None:
-        """Add the curve as a Fourier series, of cosines where it does not repeat."""
+        """Add the curve as a Fourier series, an even one where it does not repeat."""
         size, at = values[f"{self.id}_share"], np.asarray(self.at)
+        count = 2 * at.size if self.period else 2 * at.size - 2
+        period = self.period or 2.0 * (at[-1] - at[0])
+        passed = period * np.arange(count) / count
+        orders = math.tau / period * np.arange(count // 2 + 1)
         for side, table in self.tables().items():
+            places = at[0] + (
+                passed if self.period else np.minimum(passed, period - passed)
+            )
+            shown = np.interp(places, at, table, period=self.period or None)
+            waves = np.fft.rfft(shown) / count
+            waves[1:-1] *= 2.0
             shift = values.get("joint_angle_offset", 0.0) if side == "joint" else 0.0
-            waves = self._repeating(table) if self.period else self._even(table)
-            for k, (order, cosine, sine) in enumerate(waves):
-                turned = order * (at[0] + shift)
-                along, across = math.cos(turned), math.sin(turned)
-                wave = cosine * across + sine * along, cosine * along - sine * across
+            waves = size * waves * np.exp(-1j * orders * (at[0] + shift))
+            for k, (order, wave) in enumerate(zip(orders, waves, strict=True)):
                 name = f"{self.id}_{side}_{k}"
-                add_wave(spec, bench, side, name, order, *(size * w for w in wave))
-
-    def _even(self, table: FloatArray) -> list[tuple[float, float, float]]:
-        """Return (order [1/rad], cosine, 0) of an even Fourier series about `at[0]`."""
-        length = self.at[-1] - self.at[0]
-        count = len(self.at) - 1
-        even = self.at[0] + length * np.arange(count + 1) / count
-        values = np.interp(even, self.at, table)
-        mirrored = np.concatenate([values, values[-2:0:-1]])
-        whole = np.fft.rfft(mirrored).real / mirrored.size
-        whole[1:-1] *= 2.0
-        orders = math.pi / length * np.arange(count + 1)
-        return [
-            (o, c, 0.0) for o, c in zip(orders.tolist(), whole.tolist(), strict=True)
-        ]
-
-    def _repeating(self, table: FloatArray) -> list[tuple[float, float, float]]:
-        count = 2 * len(self.at)
-        even = self.at[0] + self.period * np.arange(count) / count
-        values = np.interp(even, self.at, table, period=self.period)
-        whole = np.fft.rfft(values) / count
-        whole[1:-1] *= 2.0
-        orders = math.tau / self.period * np.arange(whole.size)
-        parts = orders, whole.real, -whole.imag
-        return list(zip(*(part.tolist() for part in parts), strict=True))
+                add_wave(spec, bench, side, name, order, -wave.imag, wave.real)

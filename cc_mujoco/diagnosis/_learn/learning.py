@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -45,26 +45,28 @@ class ErrorRecord(NamedTuple):
     noise: FloatArray  # (rows, samples) deviation by the sensors [N m]
     band: float  # cut-off of the torques [Hz]
 
+    @property
+    def steps(self) -> tuple[int, int]:
+        """Samples per sample of a curve, before and after its low pass."""
+        finest = self.signals.dt * Limit.samples_per_period * self.band
+        first = max(1, int(0.5 / finest))
+        return first, first * max(1, int(1.0 / finest / first))
+
 
 class CurveTerm(NamedTuple):
     """Curve of one quantity, or a candidate for one."""
 
     over: str  # of `QUANTITIES`
     times: str  # of `FACTORS`
+    sides: tuple[Side, ...]  # torques that it changes
     period: float = 0.0  # 0 for a curve that does not repeat
-    sides: tuple[Side, ...] = ()  # torques that it changes
     penalty: float = Limit.first_penalty
     points: int = Limit.ranked_points  # of a curve that does not repeat
     formula: str = ""  # of `FORMULAS`, in place of a table
     shape: tuple[float, ...] = ()  # of the formula
 
-    @property
-    def key(self) -> CurveTerm:
-        """Term of the same columns, without sides and penalty."""
-        return self._replace(sides=(), penalty=0.0)
 
-
-BASE = CurveTerm("", "", penalty=0.0)
+BASE = CurveTerm("", "", (), penalty=0.0)
 """Columns of the parameters and of the error, in place of a curve."""
 
 
@@ -105,37 +107,27 @@ class ErrorRows:
     sides: tuple[Side, ...]  # of the rows
     places: FloatArray  # (parameters,) of the model where its errors are taken
     precise: FloatArray  # (parameters,) inverse deviations of priors, 0 without one
-    _kept: dict[CurveTerm, FloatArray] = field(default_factory=dict)
-    _products: dict[tuple[CurveTerm, CurveTerm], FloatArray] = field(
-        default_factory=dict
+    _kept: dict[tuple[CurveTerm, ...], FloatArray] = field(
+        default_factory=dict, init=False
     )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the groups."""
-        return tuple(dict.fromkeys(stretch.group for stretch in self.stretches))
+        return tuple(dict.fromkeys(own.group for own in self.stretches))
 
-    @cached_property
-    def _thin(self) -> list[tuple[int, int]]:
-        """Record's samples per sample of a curve, before and after its low pass."""
-        finest = [
-            s.signals.dt * Limit.samples_per_period * s.band for s in self.stretches
-        ]
-        first = [max(1, int(0.5 / each)) for each in finest]
-        return [
-            (n, n * max(1, int(1.0 / each / n)))
-            for n, each in zip(first, finest, strict=True)
-        ]
+    def _laid(
+        self, columns: Callable[[ErrorRecord, int], FloatArray], weighted: bool = True
+    ) -> FloatArray:
+        """Join `columns(record, step)` (columns, rows, samples) of every record.
 
-    def _laid(self, parts: Sequence[FloatArray], weighted: bool = True) -> FloatArray:
-        """Join parts (columns, rows, samples) of records by group, padded with 0.
-
-        The result is (groups, rows, samples, columns).
+        The result is (groups, rows, samples, columns), padded with 0.
         """
         by_name: dict[str, list[FloatArray]] = {name: [] for name in self.names}
-        for own, part, (_, step) in zip(self.stretches, parts, self._thin, strict=True):
+        for own in self.stretches:
+            step = own.steps[1]
             factor = own.weight[:, ::step] if weighted else 1.0
-            by_name[own.group].append(part * factor)
+            by_name[own.group].append(columns(own, step) * factor)
         whole = [np.concatenate(each, axis=2) for each in by_name.values()]
         longest = max(each.shape[2] for each in whole)
         found = np.zeros((len(whole), *whole[0].shape[:2], longest))
@@ -146,16 +138,15 @@ class ErrorRows:
     @cached_property
     def noise(self) -> FloatArray:
         """Sum of squared weighted noise of the sensors (groups,)."""
-        pairs = zip(self.stretches, self._thin, strict=True)
-        quiet = self._laid([own.noise[None, :, ::step] for own, (_, step) in pairs])
+        quiet = self._laid(lambda own, step: own.noise[None, :, ::step])
         return np.asarray(np.square(quiet).sum(axis=(1, 2, 3)))
 
     @cached_property
     def _values(self) -> dict[str, FloatArray]:
         """Every quantity (samples,) of the first row, all records joined."""
-        places = range(len(self.stretches))
+        side = self.sides[0]
         return {
-            name: np.concatenate([self._along(k, each, 1)[0] for k in places])
+            name: np.concatenate([each.values(s.signals, side) for s in self.stretches])
             for name, each in QUANTITIES.items()
         }
 
@@ -174,93 +165,69 @@ class ErrorRows:
         often = np.quantile(values, shares)
         return np.asarray(0.5 * (often + np.linspace(often[0], often[-1], term.points)))
 
-    def _along(self, k: int, quantity: Quantity, step: int) -> FloatArray:
-        """Return every `step`-th sample of a quantity of record `k` (rows, samples)."""
-        signals = self.stretches[k].signals
-        return np.array([quantity.values(signals, side)[::step] for side in self.sides])
+    def curve(self, own: ErrorRecord, term: CurveTerm, step: int = 1) -> FloatArray:
+        """Return torques (columns, rows, samples) of a unit at each point [N m].
 
-    def curve(
-        self, k: int, term: CurveTerm, weights: FloatArray | None = None
-    ) -> FloatArray:
-        """Return the torques that a term adds to record `k` [N m].
-
-        They are those of a unit at each point (points, rows, coarser samples), or of a
-        table `weights` (rows, points) at all samples (rows, samples).
+        Columns are the points of the term's first side, then those of its second one;
+        of the samples every `step`-th is returned.
         """
-        own, at = self.stretches[k], self.at(term)
-        step = self._thin[k][0] if weights is None else 1
-        along = self._along(k, QUANTITIES[term.over], step)
-        factor = self._along(k, FACTORS[term.times], step)
-        shapes = [hats(values, at, term.period) for values in along]
-        if term.formula:
-            given = FORMULAS[term.formula].functions
-            shapes = [np.array(given(values, *term.shape)) for values in along]
-        rate = 1.0 / own.signals.dt / step
-        if weights is not None:
-            tables = [w @ shape for w, shape in zip(weights, shapes, strict=True)]
-            return low_pass(np.array(tables) * factor, own.band, rate)
-        return low_pass(np.stack(shapes, axis=1) * factor, own.band, rate)
+        at, parts = self.at(term), []
+        for side in term.sides:
+            along, factor = (
+                known.values(own.signals, side)[::step]
+                for known in (QUANTITIES[term.over], FACTORS[term.times])
+            )
+            shape = hats(along, at, term.period)
+            if term.formula:
+                functions = FORMULAS[term.formula].functions
+                shape = np.array(functions(along, *term.shape))
+            part = np.zeros((len(shape), len(self.sides), along.size))
+            part[:, self.sides.index(side)] = shape * factor
+            parts.append(part)
+        return low_pass(np.concatenate(parts), own.band, 1.0 / own.signals.dt / step)
 
     def columns(self, term: CurveTerm) -> FloatArray:
-        """Return a term's weighted columns (groups, rows, samples, points).
+        """Return a term's weighted columns (groups, rows, samples, columns).
 
         Those of `BASE` are the slopes of the parameters and the error.
         """
-        if term.key not in self._kept:
-            parts = []
-            for k, (own, (first, step)) in enumerate(
-                zip(self.stretches, self._thin, strict=True)
-            ):
-                if term.key == BASE:
-                    both = np.concatenate([own.slopes, own.error[None]])
-                    parts.append(both[:, :, ::step])
-                else:
-                    parts.append(self.curve(k, term)[:, :, :: step // first])
-            self._kept[term.key] = self._laid(parts)
-        return self._kept[term.key]
+
+        def own_columns(own: ErrorRecord, step: int) -> FloatArray:
+            if term == BASE:
+                return np.concatenate([own.slopes, own.error[None]])[:, :, ::step]
+            first = own.steps[0]
+            return self.curve(own, term, first)[:, :, :: step // first]
+
+        key = (term._replace(penalty=0.0),)
+        if key not in self._kept:
+            self._kept[key] = self._laid(own_columns)
+        return self._kept[key]
 
     def _product(self, one: CurveTerm, other: CurveTerm) -> FloatArray:
-        """Return products (groups, rows, points, points) summed over samples."""
-        pair = one.key, other.key
-        if pair not in self._products:
+        """Return products (groups, columns, columns) summed over rows and samples."""
+        pair = one._replace(penalty=0.0), other._replace(penalty=0.0)
+        if pair not in self._kept:
             left, right = self.columns(one), self.columns(other)
-            both = np.matmul(left.transpose(0, 1, 3, 2), right)
-            self._products[pair] = both
-            self._products[pair[::-1]] = both.transpose(0, 1, 3, 2)
-        return self._products[pair]
+            both = np.matmul(left.transpose(0, 1, 3, 2), right).sum(axis=1)
+            self._kept[pair], self._kept[pair[::-1]] = both, both.transpose(0, 2, 1)
+        return self._kept[pair]
 
     def squares(self, terms: Sequence[CurveTerm]) -> FloatArray:
-        """Return products (groups, n, n) of slopes, error and the tables by side."""
-        blocks = [
-            (BASE, -1),
-            *((t, self.sides.index(s)) for t in terms for s in t.sides),
-        ]
-        sizes = [self.columns(term).shape[3] for term, _ in blocks]
-        ends = np.cumsum([0, *sizes])
-        found = np.zeros((len(self.names), ends[-1], ends[-1]))
-        for i, j in itertools.combinations_with_replacement(range(len(blocks)), 2):
-            (one, a), (other, b) = blocks[i], blocks[j]
-            if min(a, b) >= 0 and a != b:
-                continue
-            both = self._product(one, other)
-            part = both[:, max(a, b)] if max(a, b) >= 0 else both.sum(axis=1)
-            rows, columns = (slice(ends[k], ends[k + 1]) for k in (i, j))
-            found[:, rows, columns] = part
-            found[:, columns, rows] = part.transpose(0, 2, 1)
-        return found
+        """Return products (groups, n, n) of slopes, error and the columns of terms."""
+        every = [BASE, *terms]
+        return np.block(
+            [[self._product(one, other) for other in every] for one in every]
+        )
 
-    def solve(self, terms: Sequence[CurveTerm], whole: FloatArray) -> FloatArray:
-        """Return factors (n,) of all columns for the least error, whose own is 1.
-
-        `whole` (n, n) is the sum of `squares` over the training groups.
-        """
-        count = self.precise.size
+    def fitted(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
+        """Return factors (n,) of all columns for the least error, whose own is 1."""
+        whole, count = self.squares(terms)[groups].sum(axis=0), self.precise.size
         full = whole + 1e-9 * np.diag(np.diag(whole)) + 1e-12 * np.eye(len(whole))
         prior = np.column_stack([np.diag(self.precise), -self.precise * self.places])
         full[: count + 1, : count + 1] += prior.T @ prior
         first = count + 1
         for term in terms:
-            size = self.columns(term).shape[3]
+            size = self.columns(term).shape[3] // len(term.sides)
             rough = term.penalty * roughness(size, bool(term.period))
             if term.formula:
                 rough = Limit.formula_ridge * np.eye(size)
@@ -275,46 +242,35 @@ class ErrorRows:
         )
         return found
 
-    def fitted(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
-        return self.solve(terms, self.squares(terms)[groups].sum(axis=0))
-
-    def tables(self, terms: Sequence[CurveTerm], fit: FloatArray) -> list[FloatArray]:
-        """Return each term's table (rows, points) in a fit (n,), 0 for other sides."""
-        first, found = self.precise.size + 1, []
-        for term in terms:
-            size = self.columns(term).shape[3]
-            table = np.zeros((len(self.sides), size))
-            for side in term.sides:
-                table[self.sides.index(side)] = -fit[first : first + size]
-                first += size
-            found.append(table)
-        return found
-
-    def left_out(
-        self, terms: Sequence[CurveTerm], folds: Sequence[Groups]
+    def table(
+        self, terms: Sequence[CurveTerm], place: int, fit: FloatArray
     ) -> FloatArray:
-        """Return the squared error of each group by a fit to the other folds."""
-        squares, every = self.squares(terms), np.concatenate(folds)
-        found = np.zeros(len(squares))
-        for fold in folds:
-            train = np.setdiff1d(every, fold)
-            fit = self.solve(terms, squares[train].sum(axis=0))
-            found[fold] = np.einsum("gij,i,j->g", squares[fold], fit, fit)
-        return found[np.sort(every)]
+        """Return the table (sides, points) of `terms[place]` in a fit (n,)."""
+        ends = np.cumsum([self.columns(term).shape[3] for term in (BASE, *terms)])
+        return -fit[ends[place] : ends[place + 1]].reshape(len(terms[place].sides), -1)
 
-    def _left(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
-        """Return the weighted error (groups, rows, samples) after a fit to `groups`."""
-        fit = self.fitted(terms, groups)
-        error = self.columns(BASE)[groups] @ fit[: self.precise.size + 1]
-        for term, table in zip(terms, self.tables(terms, fit), strict=True):
-            error -= np.einsum("grsp,rp->grs", self.columns(term)[groups], table)
-        return np.asarray(error)
+    def errors(
+        self, terms: Sequence[CurveTerm], train: Groups, test: Groups
+    ) -> FloatArray:
+        """Return the squared error of each group of `test` by a fit to `train`."""
+        fit = self.fitted(terms, train)
+        return np.asarray(np.einsum("gij,i,j->g", self.squares(terms)[test], fit, fit))
+
+    def left_out(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
+        """Return the squared error of each group by a fit to the other folds."""
+        found = np.zeros(len(self.names))
+        for train, test in folds(groups):
+            found[test] = self.errors(terms, train, test)
+        return found[groups]
 
     def _signal(self, quantity: Quantity, weighted: bool) -> FloatArray:
         """Return a quantity (groups, rows, samples) at the samples of the columns."""
-        steps = [step for _, step in self._thin]
-        parts = [self._along(k, quantity, step)[None] for k, step in enumerate(steps)]
-        return self._laid(parts, weighted)[..., 0]
+
+        def values(own: ErrorRecord, step: int) -> FloatArray:
+            rows = [quantity.values(own.signals, side)[::step] for side in self.sides]
+            return np.array([rows])
+
+        return self._laid(values, weighted)[..., 0]
 
     @cached_property
     def _waves(self) -> dict[str, tuple[FloatArray, NDArray[np.complex64]]]:
@@ -325,32 +281,29 @@ class ErrorRows:
             if over not in self.varying:
                 continue
             values = self._signal(QUANTITIES[over], False)[:, 0]
-            span = float(np.ptp(self._values[over]))
-            base = math.tau / span
+            base = math.tau / float(np.ptp(self._values[over]))
             first, last = Limit.min_periods * base, Limit.max_order * turns * base
             orders = np.arange(first, last, base / Limit.order_oversampling)
             orders = orders[: Limit.max_waves]
-            if orders.size < 3:
-                continue
-            phases = np.multiply.outer(orders, values).astype(np.float32)
-            found[over] = orders, np.exp(1j * phases).reshape(orders.size, -1)
+            if orders.size >= 3:
+                phases = np.multiply.outer(orders, values).astype(np.float32)
+                found[over] = orders, np.exp(1j * phases).reshape(orders.size, -1)
         return found
-
-    @cached_property
-    def _factors(self) -> dict[str, FloatArray]:
-        return {name: self._signal(each, True) for name, each in FACTORS.items()}
 
     def periodic(self, groups: Groups, terms: Sequence[CurveTerm]) -> list[CurveTerm]:
         """Return candidates of the periods that take most of the error left."""
-        left, found = np.zeros(self.columns(BASE).shape[:3]), []
-        left[groups] = self._left(terms, groups)
+        fit, found = self.fitted(terms, groups), []
+        every = [self.columns(term)[groups] for term in (BASE, *terms)]
+        factors = {name: self._signal(each, True) for name, each in FACTORS.items()}
+        left = np.zeros(self.columns(BASE).shape[:3])
+        left[groups] = np.concatenate(every, axis=3) @ fit
         for over, (orders, waves) in self._waves.items():
-            for times, factor in self._factors.items():
+            for times, factor in factors.items():
                 wanted = (factor * left).transpose(0, 2, 1).reshape(waves.shape[1], -1)
                 size = np.maximum(np.sum(factor[groups] ** 2, axis=(0, 2)), 1e-300)
                 power = np.abs(waves @ wanted.astype(np.float32)) ** 2 / size
                 order = _peak(orders, power.sum(axis=1))
-                found.append(CurveTerm(over, times, math.tau / order))
+                found.append(CurveTerm(over, times, self.sides, math.tau / order))
         return found
 
 
@@ -369,18 +322,19 @@ def _peak(places: FloatArray, heights: FloatArray) -> float:
 
 def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
     """Return the curves that predict left-out groups best, [] if none does."""
-    folds = split(groups)
     sides: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
     sides += [rows.sides] if len(sides) > 1 else []
-    plain = [CurveTerm(over, times) for over in rows.varying for times in FACTORS]
+    pairs = itertools.product(rows.varying, FACTORS)
+    plain = [CurveTerm(over, times, rows.sides) for over, times in pairs]
     terms: list[CurveTerm] = []
-    before = rows.left_out(terms, folds)
+    before = rows.left_out(terms, groups)
     quiet = Limit.max_misfit**2 * float(rows.noise[groups].sum())
     while len(terms) < Limit.max_curves and before.sum() > quiet:
         taken = {(term.over, term.times) for term in terms}
-        able = [*plain, *rows.periodic(groups, terms)]
-        able = [t._replace(sides=rows.sides) for t in able if t[:2] not in taken]
-        sums = [float(rows.left_out([*terms, term], folds).sum()) for term in able]
+        able = [
+            t for t in [*plain, *rows.periodic(groups, terms)] if t[:2] not in taken
+        ]
+        sums = [float(rows.left_out([*terms, term], groups).sum()) for term in able]
         best = [able[k] for k in np.argsort(sums)[: Limit.refined_curves]]
         tried = [
             term._replace(sides=own, penalty=penalty, points=Limit.curve_points)
@@ -388,7 +342,7 @@ def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
             for own in sides
             for penalty in Limit.curve_penalties
         ]
-        left = [rows.left_out([*terms, term], folds) for term in tried]
+        left = [rows.left_out([*terms, term], groups) for term in tried]
         # A second torque has to take a share of its own.
         extra = [1.0 + Limit.form_error_share * (len(t.sides) - 1) for t in tried]
         sums = [by * float(e.sum()) for by, e in zip(extra, left, strict=True)]
@@ -408,17 +362,13 @@ def formula_of(
     Left-out trials decide; the shape is fitted to the table of the other trials.
     """
     every, curve = np.arange(len(rows.names)), terms[place]
-    folds = split(every)
-    others = [*terms[:place], *terms[place + 1 :]]
-    at, used = rows.at(curve), [rows.sides.index(side) for side in curve.sides]
+    at, others = rows.at(curve), [*terms[:place], *terms[place + 1 :]]
 
     def errors(term: CurveTerm, train: Groups, test: Groups) -> float:
-        made = [*others, term]
-        fit = rows.fitted(made, train)
-        return float(np.einsum("gij,i,j->", rows.squares(made)[test], fit, fit))
+        return float(rows.errors([*others, term], train, test).sum())
 
     def formed(name: str, groups: Groups) -> CurveTerm:
-        table = rows.tables(terms, rows.fitted(terms, groups))[place][used]
+        table = rows.table(terms, place, rows.fitted(terms, groups))
         shape = best_shape(FORMULAS[name], at, table, curve.period)
         best = curve._replace(formula=name, shape=shape)
         for part in Limit.shape_steps:
@@ -426,20 +376,18 @@ def formula_of(
             best = min([best, *near], key=lambda term: errors(term, groups, groups))
         return best
 
-    found, least = "", float(rows.left_out(terms, folds).sum())
+    found, least = "", float(rows.left_out(terms, every).sum())
     for name in FORMULAS:
-        trained = [np.setdiff1d(every, fold) for fold in folds]
-        pairs = zip(trained, folds, strict=True)
-        left = sum(errors(formed(name, train), train, test) for train, test in pairs)
+        left = sum(errors(formed(name, each[0]), *each) for each in folds(every))
         if left < least:
             found, least = name, left
     return formed(found, every) if found else None
 
 
-def split(groups: Groups) -> list[Groups]:
-    """Return `groups` divided into the folds that are left out in turn."""
-    count = min(Limit.curve_folds, groups.size)
-    return [groups[k::count] for k in range(count)]
+def folds(groups: Groups) -> list[tuple[Groups, Groups]]:
+    """Return the groups to fit and to test when parts of `groups` are left out."""
+    part = np.arange(groups.size) % min(Limit.curve_folds, groups.size)
+    return [(groups[part != k], groups[part == k]) for k in np.unique(part)]
 
 
 def helps(gain: FloatArray, before: FloatArray) -> bool:

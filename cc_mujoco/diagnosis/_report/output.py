@@ -38,7 +38,7 @@ from cc_mujoco.device._report import write_description
 from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
-from cc_mujoco.diagnosis._learn.residual import file_text as learned_text
+from cc_mujoco.diagnosis._learn.residual import classes_of, file_text
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import drawings, sections
 from cc_mujoco.diagnosis._rig import simulation
@@ -165,7 +165,6 @@ class DiagnosisResult:
     x: FloatArray = field(default_factory=lambda: np.zeros(0))  # where it is fitted
     baseline_fit: BaselineFit | None = None  # None where nothing was fitted
     motion: CataloguedTrial | None = None  # motion of the proposed trial, or None
-    learned: tuple[type, ...] = ()  # classes of learned curves in `problem`
 
 
 REPORT_PAGE = "report.html"
@@ -346,7 +345,8 @@ def write(
         with replacing_folder(out) as place:
             if result.problem is not None:
                 try:
-                    problems = write_and_compare_scene(result, place / SCENE_FILE)
+                    with effects_in_use(classes_of(diagnosis.learned)):
+                        problems = write_and_compare_scene(result, place / SCENE_FILE)
                     written = {"written": atomic_io.checksum_line(place / SCENE_FILE)}
                     diagnosis = replace(diagnosis, provenance=known | written)
                 except CableError as error:  # the verdict stands without it
@@ -355,8 +355,7 @@ def write(
                 diagnosis = replace(diagnosis, problems=noticed)
                 write_recording(place / "evidence.rrd", result.evidence)
             if (curves := diagnosis.learned) and curves.curves:
-                text = learned_text(curves)
-                (place / LEARNED_FILE).write_text(text, encoding="utf-8")
+                (place / LEARNED_FILE).write_text(file_text(curves), encoding="utf-8")
             write_report(place, diagnosis, result.evidence)
             diagnosis.write(place / VERDICT_FILE)
             there = {file.name for file in place.iterdir()}
@@ -385,12 +384,10 @@ def write_proposed(
 
 
 def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
-    """Write the repaired scene; return sentences on it and on what it lacks."""
-    with effects_in_use(result.learned):
-        return _written_scene(result, path)
+    """Write the repaired scene; return sentences on it and on what it lacks.
 
-
-def _written_scene(result: DiagnosisResult, path: Path) -> list[str]:
+    Learned curves have to be in use.
+    """
     problem = result.problem
     assert problem is not None
     values = problem.values(result.x)

@@ -565,5 +565,7 @@ def unrealisable_reason(bench: Bench, name: str) -> str:
     outside = effect and (effect.torques or effect.joint_arm or effect.motor_arm)
     if effect is None or effect.cables is None or outside:
         usual = "nothing says how MuJoCo has it (method `edit_spec` of its class)"
+        if effect is not None and effect.rare:  # of the library
+            usual = "this package has no form of it in MuJoCo"
         return (effect and effect.scene_note) or usual
     return ""  # keys of the cables

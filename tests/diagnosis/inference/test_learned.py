@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis import LearnedAngleCurve, LearnedCurve, Signals, rollout
+from cc_mujoco.diagnosis import LearnedCurve, Signals, rollout
 from cc_mujoco.diagnosis._learn.curves import QUANTITIES
 from cc_mujoco.diagnosis._learn.formulas import FORMULAS, described
 from cc_mujoco.diagnosis._learn.learning import (
@@ -274,4 +274,3 @@ def test_every_quantity_is_finite_at_rest() -> None:
     own = replace(own, motor=np.zeros(1500), joint=np.zeros(1500))
     for quantity in QUANTITIES.values():
         assert np.isfinite(quantity.values(own, "motor")).all()
-    assert issubclass(LearnedAngleCurve, LearnedCurve)

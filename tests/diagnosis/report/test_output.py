@@ -46,6 +46,12 @@ def test_mujoco_has_every_usual_effect_of_the_library() -> None:
     assert [n for n in usual_effects() if unrealisable_reason(BENCH, n)] == []
 
 
+def test_no_method_of_a_class_is_advised_for_effects_of_the_library() -> None:
+    reasons = [unrealisable_reason(BENCH, name) for name in EFFECTS]
+    assert "this package has no form of it in MuJoCo" in reasons
+    assert not any("edit_spec" in reason for reason in reasons)
+
+
 @pytest.mark.parametrize(
     "effect", [RIPPLE, replace(RIPPLE, cables=lambda cables, values, rig: cables)]
 )

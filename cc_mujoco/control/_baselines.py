@@ -65,7 +65,6 @@ class BacklashInverse(_KnownMotor):
             drive.inertia * bandwidth**2,
             2.0 * drive.inertia * bandwidth,
             self.integral_share * bandwidth,
-            stiffness,
             max(noise, 5e-4),  # motion of the joint below which it is still [rad]
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
@@ -107,7 +106,7 @@ class LinearQuadraticGaussian(_KnownMotor):
         with single_threaded_blas():  # its threads take 30 times as long
             self.design, slip = _design(self, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
-        self._own_gains = laws.GaussianGains(rigidity, release, slip)
+        self._own_gains = laws.GaussianGains(release, slip)
         self._late = round(total_delay(drive) / drive.period - 0.5)
 
     def law_tables(self) -> LawTables:

@@ -108,7 +108,7 @@ def has_drag(prm: FloatArray) -> bool:
 
 @internal
 def _starts_at_present(cables: Cables) -> bool:
-    """Return whether stiffness and pretension do not tell the stretch of cables."""
+    """Return whether a stretch at rest follows not from stiffness and pretension."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
         if nodes.is_curved(prm) or loses_stretch(prm) or not eccentric.is_round(prm):

@@ -630,7 +630,6 @@ class InverseGains(NamedTuple):
     position: float  # [N m/rad]
     damping: float  # [N m s/rad]
     integral: float  # [1/s]
-    stiffness: float  # stiffness of all cables at the joint [N m/rad]
     band: float  # motion of the joint that is none [rad]
     release: float  # damping of a motor that is let go [N m s/rad]
 
@@ -667,8 +666,9 @@ def step_inverse(data: LawData) -> float:
     size, end = INVERSE_GUARD + guard.MEMORY_SIZE, guard.LIMITS + count
     gains, spring, memory, seen = begun(data, end, size, INVERSE_GUARD)
     tuned = InverseGains(
-        tables[0], tables[1], tables[2], tables[3], tables[4], tables[5], tables[6]
+        tables[0], tables[1], tables[2], tables[3], tables[4], tables[5]
     )
+    stiffness = spring[guard.STIFFNESS]
     first = count + guard.SPRING_SIZE
     cables = rows_of(tables, first, data.sizes[0], data.sizes[1])
     own = guard.Guarded(gains, spring, memory[INVERSE_GUARD:])
@@ -678,7 +678,7 @@ def step_inverse(data: LawData) -> float:
     if memory[_INVERSE_STARTED] == 0.0:
         memory[_INVERSE_STARTED], memory[_MOTOR_0] = 1.0, seen[guard.MOTOR]
         memory[_JOINT_0] = seen[guard.JOINT]
-        memory[_EXTREME] = desired / tuned.stiffness
+        memory[_EXTREME] = desired / stiffness
     ahead = seen[guard.MOTOR_SPEED] - ratio * speed
     if guard.state(own, ahead, desired) != guard.FREE:
         memory[_ANGLE_OFFSET] = 0.0
@@ -686,10 +686,10 @@ def step_inverse(data: LawData) -> float:
         return guard.bounded(own, guard.limited(gains, torque))
     joint = seen[guard.JOINT] - memory[_JOINT_0] + tuned.late * speed
     motor = seen[guard.MOTOR] - memory[_MOTOR_0] + tuned.late * seen[guard.MOTOR_SPEED]
-    sense = _turn(memory, joint + desired / tuned.stiffness, tuned.band)
+    sense = _turn(memory, joint + desired / stiffness, tuned.band)
     balance, stretch = full_slip_balance(cables, sense, desired)
     relative = ratio * (stretch + memory[_ANGLE_OFFSET])
-    error = (desired - seen[guard.TORQUE]) / tuned.stiffness
+    error = (desired - seen[guard.TORQUE]) / stiffness
     torque = balance + tuned.position * (relative + ratio * joint - motor)
     torque += tuned.damping * (ratio * speed - seen[guard.MOTOR_SPEED])
     limited = guard.bounded(own, guard.limited(gains, torque))
@@ -712,7 +712,6 @@ torques on the motor and at the joint that it does not explain [N m].
 class GaussianGains(NamedTuple):
     """Gains of `LinearQuadraticGaussian` after `DriveLimits`."""
 
-    rigidity: float  # stiffness of all cables at the joint [N m/rad]
     release: float  # damping of a motor that is let go [N m s/rad]
     slip: float  # change of the stretch's innovation where an encoder slipped [rad]
 
@@ -754,7 +753,7 @@ def step_gaussian(data: LawData) -> float:
     count = len(GaussianGains._fields)
     end, place = guard.LIMITS + count, count + guard.SPRING_SIZE
     gains, spring, memory, seen = begun(data, end, size, GAUSSIAN_GUARD)
-    tuned = GaussianGains(tables[0], tables[1], tables[2])
+    tuned, rigidity = GaussianGains(tables[0], tables[1]), spring[guard.STIFFNESS]
     model = rows_of(tables, place, STATES, STATES + 1)
     place += model.size
     read = rows_of(tables, place, 2, STATES)
@@ -785,12 +784,12 @@ def step_gaussian(data: LawData) -> float:
         ahead[i] = state[i]
     for i in range(1, applied.size):
         _advance(model, ahead, applied[i], new)
-    wanted = (seen[guard.DESIRED] - ahead[LACK]) * ratio / tuned.rigidity
+    wanted = (seen[guard.DESIRED] - ahead[LACK]) * ratio / rigidity
     if limits.one_way != 0.0:
         # A single cable cannot push, and what hangs need not hang further.
-        least = -abs(seen[guard.DESIRED]) * abs(ratio) / tuned.rigidity
+        least = -abs(seen[guard.DESIRED]) * abs(ratio) / rigidity
         wanted = max(wanted, least)
-    hold = tuned.rigidity / ratio**2 * wanted - ahead[LOAD]
+    hold = rigidity / ratio**2 * wanted - ahead[LOAD]
     off = regulator[0] * (ahead[STRETCH] - wanted) + regulator[1] * ahead[SPEED]
     torque = guard.passed(own, tuned.release, hold - off)
     applied[: applied.size - 1] = applied[1:]

@@ -46,7 +46,7 @@ from cc_mujoco.device import Plant, Value
 from cc_mujoco.device._wearer_scaling import PROFILE, pace_of
 from cc_mujoco.errors import CableError, refuse_unknown
 from cc_mujoco.human import Profile
-from cc_mujoco.simulation._rollout import attended, play
+from cc_mujoco.simulation._rollout import attended_together, play
 
 
 def study(
@@ -187,15 +187,16 @@ def _seconds_per_design(plan: Plan, law: str) -> float:
     # A sample of at most eight, played together as the designs of the study are
     designs = [plan.designs[row] for row in plan.batches[0][:8]]
     values = [{**design, **protocol.across.cases[0]} for design in designs]
-    models = [attended(Plant(protocol.device, own)) for own in values]
+    plants = [Plant(protocol.device, own) for own in values]
+    models = attended_together(plants)
     played = [one for _, own, one in episodes(protocol) if own]
     if not played:
         return 0.0
     sample = dataclasses.replace(played[0], duration=SAMPLE_TIME)
-    play(sample, models)  # compiles
+    play(sample, models, plants=plants)  # compiles
     start = perf_counter()
-    play(sample, models)
-    spent = (perf_counter() - start) / (SAMPLE_TIME * len(models))
+    play(sample, models, plants=plants)
+    spent = (perf_counter() - start) / (SAMPLE_TIME * len(plants))
     return spent * sum(one.duration for one in played)
 
 

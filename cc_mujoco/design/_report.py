@@ -28,7 +28,6 @@ from cc_mujoco.device._variables import describe
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report import _html as html
-from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._markdown import table as table_of
 
 if TYPE_CHECKING:
@@ -74,10 +73,10 @@ def write_report(
     for name, table in tables.items():
         with replacing(folder / name) as partial:
             pq.write_table(table.combine_chunks(), partial, compression="zstd")
-    with style():
+    with figures.style():
         drawings = dict(_drawings(found))
         for name, drawing in drawings.items():
-            save(folder / name, drawing)
+            figures.save(folder / name, drawing)
     pages = {
         REPORT_FILE: _page(found, folder, drawings, command),
         RANKING_FILE: markdown(found),

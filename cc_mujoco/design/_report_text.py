@@ -525,16 +525,17 @@ def failure_reasons(found: RankedStudy) -> list[str]:
 
     Reasons that differ in their numbers are one, with those of the first design.
     """
-    alike: dict[str, list[str]] = {}
+    similar: dict[str, list[str]] = {}
     for row in found.rows:
         if row["failed"]:
             reason = str(row["failed"]).rstrip(".")
-            alike.setdefault(re.sub(r"-?\d[\d.,e+-]*", "", reason), []).append(reason)
+            key = re.sub(r"-?\d[\d.,e+-]*", "", reason)
+            similar.setdefault(key, []).append(reason)
     return [
         f"{len(same)} designs, the first: {same[0]}."
         if len(same) > 1
         else f"1 design: {same[0]}."
-        for same in sorted(alike.values(), key=len, reverse=True)
+        for same in sorted(similar.values(), key=len, reverse=True)
     ]
 
 

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Container, Iterable, Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -159,15 +160,16 @@ class Device(Nominal):
         """Wearer at every joint that it moves."""
         wearers = {joint: mover.wearer for joint, mover in self.movers.items()}
         super().__init__(description, plugin.from_mjcf(spec), wearers)
-        self.ends = {
+        ends = {
             name: tuple(a for a in spec.actuators if a.plugin.name == name)
             for name in self.cables
         }
+        self.ends = MappingProxyType(ends)
         """Actuators of each cable, that of the proximal end first."""
-        self.radii = {
-            name: tuple(abs(float(end.gear[0])) for end in ends)
-            for name, ends in self.ends.items()
-        }
+        self.radii = MappingProxyType({
+            name: tuple(abs(float(end.gear[0])) for end in both)
+            for name, both in ends.items()
+        })  # fmt: skip
         """Pulley radii by cable, proximal and distal [m]; of a lever the gear of its
         tendon."""
         self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}

@@ -280,8 +280,6 @@ class DeviceModel:
         self.prefixes = description.prefixes
         """Beginnings of the columns of each axis."""
         self.motor_controls = [axis.motor_control for axis in self.axes]
-        self.motor_scales = np.array([axis.motor_scale for axis in self.axes])
-        """Controls of the motors at an action of 1."""
         self.torque_limits = np.array([axis.torque_limit for axis in self.axes])
         """Torques of the motors at an action of 1 [N m]."""
         self.script_controls = [mover.control for mover in self.movers.values()]

@@ -111,7 +111,7 @@ class _Aside(Trajectory):
 
 
 class WearerEnergy(NamedTuple):
-    """Energy and motion of wearers, each an array (wearers,)."""
+    """Energy and velocity of wearers, each an array (wearers,)."""
 
     held: Array
     """Most energy put into the joint while the wearer held still, beyond what the
@@ -120,9 +120,6 @@ class WearerEnergy(NamedTuple):
     begun: Array
     """Most such energy since the start at rest, the wearer's own move included [J]."""
     velocity: Array  # RMS velocity of the joint while he held still [rad/s]
-    stroke: Array  # range from the least to the greatest angle meanwhile [rad]
-    frequency: Array
-    """Peak of the spectrum of that velocity [Hz]; in steps of 1 Hz."""
 
 
 def extracted_energy(
@@ -158,23 +155,17 @@ def extracted_energy(
 
 
 def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerEnergy:
-    """Return energy and motion, from `PORT_COLUMNS` (samples, wearers).
+    """Return energy and velocity, from `PORT_COLUMNS` (samples, wearers).
 
     `step` is the time from sample to sample [s], `skip` the physics steps.
     """
-    series = [columns[name] for name in PORT_COLUMNS]
     first = round((MOVE_TIME + SETTLE_TIME) / step)
-    still = [values[first:] for values in series]
-    *_, angle, velocity = still
-    spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
-    peak = np.argmax(spectrum, axis=0)
-    return WearerEnergy(
-        extracted_energy(still[0], still[1], still[2], still[3], step, skip),
-        extracted_energy(series[0], series[1], series[2], series[3], step, skip),
-        np.sqrt(np.mean(velocity**2, axis=0)),
-        np.ptp(angle, axis=0),
-        np.fft.rfftfreq(len(velocity), step)[peak],
+    torque, desired, angle, speed = (columns[name] for name in PORT_COLUMNS)
+    held, begun = (
+        extracted_energy(torque[k:], desired[k:], angle[k:], speed[k:], step, skip)
+        for k in (first, 0)
     )
+    return WearerEnergy(held, begun, np.sqrt(np.mean(speed[first:] ** 2, axis=0)))
 
 
 def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array:

@@ -38,6 +38,7 @@ from cc_mujoco.viz._cable_lines import (
     CONDUIT,
     MOTOR_END,
     SLACK_COLOR,
+    CableLine,
     cable_lines,
     resample,
 )
@@ -272,7 +273,9 @@ def web_scene(
     qpos = log.rows("qpos", samples)
     moving = np.flatnonzero(model.body_weldid != 0)
     poses = _poses(model, qpos, moving)
-    lines = _cables(log, model, samples) + _tendons(model, qpos, log.cables)
+    found = cable_lines(model, log.cables)
+    lines = [_cable(log, model, qpos, samples, line) for line in found]
+    lines += _tendons(model, qpos, [line.source for line in found])
     drawn = [points.reshape(-1, 3) for points, _ in lines]
     moved = []
     for row, body in enumerate(moving.tolist()):
@@ -290,7 +293,8 @@ def web_scene(
     box = 0.5 * (low + high)[:, None] + np.stack([-half, half], axis=1)
     shapes = []
     for body, rgba, mesh in meshes:
-        look: dict[str, Any] = {"body": body, "color": _hex(rgba)}
+        color = _rgb(np.rint(255 * rgba).astype(np.uint8))
+        look: dict[str, Any] = {"body": body, "color": color}
         look |= {"opacity": float(rgba[3]), "vertices": encode_array(mesh.vertices)}
         shapes.append({**look, "triangles": encode_array(mesh.triangles, "i4")})
     return {
@@ -354,44 +358,34 @@ def _corners(model: mujoco.MjModel, body: int) -> Array:
     return np.concatenate(corners)
 
 
-def _cables(
-    log: EpisodeLog, model: mujoco.MjModel, samples: NDArray[np.intp]
-) -> list[tuple[Array, dict[str, Any]]]:
-    found = []
-    qpos = log.rows("qpos", samples)
-    tensions = {c: log.rows(f"tension_{c}_nodes_n", samples) for c in log.cables}
-    for line in cable_lines(model, log.cables):
-        tension = tensions[line.cable]
-        conduit = line.part == CONDUIT
-        if not conduit:  # one tension for all of a rope
-            tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
-        # In pixels: a conduit, a rope coloured by tension, any other tendon
-        about: dict[str, Any] = {"name": line.cable, "width": 9}
-        if not conduit:
-            about = {"rope": line.cable, "width": 5}
-        about["tension"] = encode_array(tension)
-        about["nodes"] = encode_array(line.nodes(tension.shape[1]))
-        found.append((_without_repeats(line.all_points(model, qpos)), about))
-    return found
+def _cable(
+    log: EpisodeLog, model: mujoco.MjModel, qpos: Array, samples: NDArray[np.intp],
+    line: CableLine,
+) -> tuple[Array, dict[str, Any]]:  # fmt: skip
+    tension = log.rows(f"tension_{line.cable}_nodes_n", samples)
+    # In pixels: a conduit, a rope coloured by tension, any other tendon
+    about: dict[str, Any] = {"name": line.cable, "width": 9}
+    if line.part != CONDUIT:  # one tension for all of a rope
+        tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
+        about = {"rope": line.cable, "width": 5}
+    about["tension"] = encode_array(tension)
+    about["nodes"] = encode_array(line.nodes(tension.shape[1]))
+    return _without_repeats(line.all_points(model, qpos)), about
 
 
 def _tendons(
-    model: mujoco.MjModel, qpos: Array, cables: tuple[str, ...]
+    model: mujoco.MjModel, qpos: Array, sources: list[Any]
 ) -> list[tuple[Array, dict[str, Any]]]:
-    lines = cable_lines(model, cables)
-    followed = [line.source for line in lines if isinstance(line.source, int)]
+    """Return points and look of tendons that are no `sources` of cables."""
+    followed = [source for source in sources if isinstance(source, int)]
     found = []
     for tendon, rgba in scene3d.visible_tendons(model, followed):
         shares = np.linspace(0.0, 1.0, 40)
         paths = scene3d.tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
-        look = {"width": 3, "color": _hex(rgba)}
+        look = {"width": 3, "color": _rgb(np.rint(255 * rgba).astype(np.uint8))}
         found.append((_without_repeats(points), look))
     return found
-
-
-def _hex(rgba: Array) -> str:
-    return "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
 
 
 def _without_repeats(points: Array) -> Array:

@@ -105,7 +105,7 @@ def test_the_worst_is_found_within_the_box_and_at_its_corners(
             within = (places - bounds[:, 0]) / np.diff(bounds).ravel()
             assert np.all((within >= -1e-12) & (within <= 1.0 + 1e-12))
             loss = np.sum((within - aim) ** 2, axis=1)
-            return WearerEnergy(-loss, *(loss,) * 4)
+            return WearerEnergy(-loss, loss, loss)
 
         tried, found = search(evaluate, bounds, generations=5)
         assert tried.shape == (6 * 24, 3)

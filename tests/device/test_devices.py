@@ -319,7 +319,7 @@ def test_positive_motor_torque_winds_a_cable_whatever_the_sign_of_its_gear(
     assert drive.cables[0].proximal == -0.02
     data = mujoco.MjData(model.model)
     model.start(data, {"knee": 0.0}, np.zeros(1))
-    data.ctrl[model.motor_controls] = 0.2 * model.motor_scales
+    data.ctrl[model.motor_controls] = 0.2 * model.axes[0].motor_scale
     for _ in range(300):
         mujoco.mj_step(model.model, data)
     (reader,) = model.readers.values()

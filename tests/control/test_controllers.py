@@ -200,8 +200,9 @@ def test_a_lever_is_not_taken_for_a_pulley() -> None:
 
 def test_every_compiled_step_runs_at_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     for place, law in enumerate(definition.STEPS):
-        marked: Any = lambda data, place=place: place  # noqa: E731
-        monkeypatch.setattr(sys.modules[law.__module__], law.__name__, marked)
+        monkeypatch.setattr(
+            sys.modules[law.__module__], law.__name__, lambda _, place=place: place
+        )
     step: Any = definition.step
     places = list(range(len(definition.STEPS)))
     assert [step.py_func(place, None) for place in places] == places

@@ -200,7 +200,7 @@ def test_the_torque_of_the_stretch_lies_between_cables_that_slip_to_either_side(
 def test_the_torque_of_the_stretch_is_that_of_ends_that_harden_and_lose_work(
     pair: bool, loss: float
 ) -> None:
-    """By the closed forms of loading and unloading, `cable._elasticity`."""
+    """Closed forms of loading and unloading are those of `cable._elasticity`."""
     plain = pull_pull() if pair else single()
     soft, hardening = (2e-4, 3e-4), 0.02
     cables = tuple(

@@ -73,7 +73,7 @@ def test_an_effect_at_0_leaves_cables_with_soft_ends_as_they_are(name: str) -> N
     ends = [
         (f"{end}_{key}", v) for end in ("end", "proximal") for key, v in soft.items()
     ]
-    given = (Cable(pretension=10.0, **dict(ends)),) * 2  # type: ignore[arg-type]
+    given = (Cable(pretension=10.0).replace(**dict(ends)),) * 2
     effect, rig = EFFECTS[name], RigGeometry(0.02, 0.05, math.pi)
     if effect.cables:
         off = {

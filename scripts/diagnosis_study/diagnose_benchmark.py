@@ -15,6 +15,8 @@ Thresholds were set on seeds below 4000; what followed from a study was measured
 seeds that had not led to it. `cases.jsonl` has a record of each case; those that have
 one are not repeated. A rig keeps its seed over strengths and protocols. With `--bic`
 every case is also named in the simpler way of `bic`, from the same tuned baseline.
+`--search` restricts the effects that are considered. Where the hidden effect is of no
+library, a table below the fold shows what curves learn of it.
 """
 
 from __future__ import annotations
@@ -42,12 +44,17 @@ from cc_mujoco.diagnosis import (
     BaselineFit,
     Diagnosis,
     DiagnosisResult,
+    Options,
     Problem,
     fit,
     infer,
+    load,
     overall_share,
+    run_inference,
     screen,
 )
+from cc_mujoco.diagnosis._fit.problem import floor_ratios
+from cc_mujoco.diagnosis._learn.residual import described
 from cc_mujoco.diagnosis._report.output import write_proposed
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._references import read_plan
@@ -136,15 +143,23 @@ def loop(
     folder: Path,
     proposals: int = MAX_PROPOSED,
     ids: Sequence[str] = (),
+    search: Sequence[str] = (),
 ) -> list[Step]:
-    """Diagnose trials of a rig, record up to `proposals` proposed ones, and again."""
+    """Diagnose trials of a rig, record up to `proposals` proposed ones, and again.
+
+    Effects `ids` are requested, too; those of `search` are considered alone.
+    """
     bench = Bench.of(scene_path("bench"))
     steps: list[Step] = []
     while True:
         place = folder / f"data_{len(steps)}"
         write_data(place, data, facts, "%.7g" if ids else "")
         begin = time.perf_counter()
-        result, _ = infer(bench, [place], effects=ids)
+        if search:
+            dataset, _ = load([place], None, bench)
+            result = run_inference(dataset, bench, Options(search))
+        else:
+            result, _ = infer(bench, [place], effects=ids)
         spent = time.perf_counter() - begin
         planned, motion = result.diagnosis.next_experiment, result.motion
         steps.append(Step(result, planned.description if planned else "", spent))
@@ -194,7 +209,12 @@ def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
     )
 
 
-def run(*keys: Any, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Record:
+def run(
+    *keys: Any,
+    proposals: int = MAX_PROPOSED,
+    with_bic: bool = False,
+    search: Sequence[str] = (),
+) -> Record:
     """Generate, diagnose and record a case; with `with_bic` also name it by BIC."""
     case = Case(*keys)
     rig = make_rig(case.seed, make=case.make)
@@ -212,7 +232,7 @@ def run(*keys: Any, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Re
         facts = facts_of(recorded, case.seed)
     ids = RARE if case.kind == "rare" else ()
     with tempfile.TemporaryDirectory() as folder:
-        steps = loop(rig, amounts, data, facts, Path(folder), proposals, ids)
+        steps = loop(rig, amounts, data, facts, Path(folder), proposals, ids, search)
     first, truth = steps[0], truth_of(rig)
     fitted, found = first.result.baseline_fit, first.diagnosis
     beliefs = [step.diagnosis.belief for step in steps]
@@ -233,6 +253,7 @@ def run(*keys: Any, proposals: int = MAX_PROPOSED, with_bic: bool = False) -> Re
             for name, value in found.baseline.parameters.items()
             if name in truth
         },
+        "learned": learning(found),
         "seconds": first.seconds,
     }
     if with_bic and fitted is not None:
@@ -264,6 +285,23 @@ def judgement(diagnosis: Diagnosis) -> Record:
             for name, value in effect.parameters.items()
         },
         "said": diagnosis.statement,
+    }
+
+
+def learning(found: Diagnosis) -> Record:
+    """Return errors over the floor, of the tuned scene and of all that is in a model.
+
+    With it are the curves that were learned, and the gap that they close.
+    """
+    learned = found.learned
+    curves = learned.curves if learned else ()
+    gap = learned.gap if learned and curves else found.gap
+    return {
+        "before": floor_ratios(found.gap)[0],
+        "after": floor_ratios(gap)[1],
+        "closed": learned.gap_closed if learned and curves else 0.0,
+        "curves": "; ".join(map(described, curves)),
+        "formulas": "; ".join(curve.formula for curve in curves if curve.formula),
     }
 
 
@@ -407,6 +445,7 @@ def summary(records: Sequence[Record]) -> str:
             "<details><summary>By verdict, and what was not right and alone</summary>",
             table(("verdict", "given", "right"), verdicts),
             table((*KEYS, "verdicts", "named", "ties", "proposed", "end"), failed),
+            *_learned(records),
             "</details>\n",
         ]
     )
@@ -478,6 +517,32 @@ def _figures(records: Sequence[Record]) -> list[str]:
         if covers:
             found.append(f"Intervals of 95 % that cover ({make}): {', '.join(covers)}.")
     return found
+
+
+def _learned(records: Sequence[Record]) -> list[str]:
+    """Return a table of curves learned on rigs with an unknown effect, and medians."""
+    own = [r for r in records if r["kind"] == "unknown"]
+    rows = [
+        [
+            f"{r['hidden'].removeprefix('unknown_')} ({r['make']})", f"`{_first(r)}`",
+            f"{r['learned']['before']:.1f}", f"{r['learned']['after']:.1f}",
+            f"{r['learned']['closed']:.2f}", r["learned"]["curves"],
+            r["learned"]["formulas"],
+        ]
+        for r in own
+    ]  # fmt: skip
+    unknown = [r["learned"] for r in own if _first(r) == "unknown"]
+    if not unknown:
+        return []
+    found = [each["closed"] for each in unknown if each["curves"]]
+    whole = [1.0 - (e["after"] - 1.0) / (e["before"] - 1.0) for e in unknown]
+    head = "hidden", "verdict", "scene", "model", "by curves", "curves", "formulas"
+    return [
+        table(head, rows),
+        f"Of {len(unknown)} `unknown` rigs {len(found)} have curves, which close "
+        f"{np.median(found or [0.0]):.2f} (median) of what is left; model and curves "
+        f"close {np.median(whole):.2f} (median of all of them).",
+    ]
 
 
 def _by_strength(records: Sequence[Record]) -> list[tuple[float, list[Record]]]:
@@ -573,6 +638,7 @@ def main(
     rounds: int = 1,
     proposals: int = MAX_PROPOSED,
     bic: bool = False,
+    search: tuple[str, ...] = (),
     jobs: int = 1,
     out: Path = Path("runs", "diagnose_benchmark"),
 ) -> None:
@@ -586,6 +652,7 @@ def main(
         rounds: rigs of each kind.
         proposals: number of proposed trials that are recorded at most.
         bic: name by BIC, too; a quarter longer.
+        search: ids of the only effects that are considered.
         jobs: processes.
     """
     named = dict.fromkeys(n for m in makes for n in MAKES[m].named)
@@ -603,7 +670,7 @@ def main(
     }
     hidden = [n for name in effects for n in groups.get(name, (name,))]
     every = cases(hidden, makes, strength, protocol, first, rounds)
-    make = partial(run, proposals=proposals, with_bic=bic)
+    make = partial(run, proposals=proposals, with_bic=bic, search=search)
     complete(out, KEYS, every, make, summary, jobs)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from learned_curves import diagnosed, summary
+from diagnose_benchmark import run
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -48,6 +48,6 @@ def test_a_catch_at_one_angle_is_learned_and_acts_in_the_scene(tmp_path: Path) -
 
 @pytest.mark.study
 def test_a_rig_that_hides_nothing_has_no_curves() -> None:
-    case = diagnosed("guides", "none", 0.0, 27100)
-    assert case["verdict"] == "none" and case["curves"] == []
-    assert "Of 0 `unknown` rigs 0 have curves" in summary([case])
+    record = run("guides", "bare", "none", 0.0, 27100, proposals=0)
+    assert record["steps"][0]["verdict"] == "none"
+    assert record["learned"]["curves"] == ""

@@ -20,6 +20,7 @@ MAKE = MAKES["bristles"]
 KINDS = {"named": MAKE.named, "unknown": MAKE.unknown, "none": ("none",)}
 FEW = ("backlash", "presliding", "joint_gravity")
 STRENGTHS = (2.0, 4.0)
+LEARNED = {"before": 5.0, "after": 2.0, "closed": 0.7, "curves": "one", "formulas": ""}
 
 
 @st.composite
@@ -55,6 +56,7 @@ def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
         "effects": () if kind == "none" else hidden,
         "strength": 0.0 if kind == "none" else draw(st.sampled_from(STRENGTHS)),
         "closed": 0.5,
+        "learned": LEARNED,
         "intervals": {"friction": [1.0, 0.9, 1.1, draw(st.floats(0.8, 1.2))]},
     }
 
@@ -152,6 +154,12 @@ def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> N
     }
     failed = [row for row in rows(below) if len(row) == 10 and row[0] != "make"]
     assert len(failed) == sum(not is_alone(r) for r in records)
+    unknown = [r for r in records if r["kind"] == "unknown"]
+    unexplained = [r for r in unknown if r["steps"][0]["verdict"] == "unknown"]
+    curves = [row for row in rows(below) if len(row) == 7 and row[0] != "hidden"]
+    assert len(curves) == (len(unknown) if unexplained else 0)
+    sentence = f"Of {len(unexplained)} `unknown` rigs {len(unexplained)} have curves"
+    assert not unexplained or f"{sentence}, which close 0.70" in below
     (odds,) = (row for row in rows(above) if row[0] == "0.85 to 0.92")
     assert int(odds[1]) == len(records)
 

@@ -76,7 +76,8 @@ def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
     At each jump the angle is midway between the two steps. Between two jumps in the
     same direction it moves to the step at the rate of the neighbouring intervals, and
     rests there if it arrives early. Between two opposite jumps it turns back, as far as
-    a parabola at that rate reaches, at most at the step.
+    a parabola at that rate reaches, at most at the step. It is at most half a step from
+    the reading, also where the speed changes by several steps between two readings.
     """
     if noise is None or not 0.0 < noise.resolution:
         return reading
@@ -105,4 +106,5 @@ def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
     # Before the first jump and after the last there is a digit only.
     found[: before[0] + 1] = reading[: before[0] + 1]
     found[before[-1] + 1 :] = reading[before[-1] + 1 :]
-    return found
+    half = 0.5 * noise.resolution
+    return np.clip(found, reading - half, reading + half)

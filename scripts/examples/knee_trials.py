@@ -1,7 +1,7 @@
 """Record trials of a knee exoskeleton whose conduit hides an effect, as CSV files.
 
     python knee_trials.py --out trials
-    python knee_trials.py --hide viscous_friction=40 pretension=8 --out trials
+    python knee_trials.py --hide viscous_friction=40 pretension=8 --bits 18 --out trials
 
 It simulates `knee_exo.xml` with other values than the file has, and writes what sensors
 of a real device would have read: both angles in steps of their encoders, both torques
@@ -28,8 +28,6 @@ TRIALS = {
 """Motion of the person and torque of the device by trial."""
 RATE = 250
 """Readings per second."""
-ENCODER = 2.0 * np.pi / 2**16
-"""Step of both encoders [rad]."""
 NOISE = {"motor_torque_nm": 2e-3, "joint_torque_nm": 0.02}
 """Standard deviation of both torque sensors [N m]."""
 
@@ -40,8 +38,10 @@ def main() -> None:
     parser.add_argument("--scene", default="knee_exo.xml", help="MJCF file")
     parser.add_argument("--hide", nargs="+", default=["viscous_friction=60"])
     parser.add_argument("--seconds", type=float, default=12.0, help="of each trial")
+    parser.add_argument("--bits", type=int, default=16, help="of both encoders")
     parser.add_argument("--out", type=Path, default=Path("trials"))
     options = parser.parse_args()
+    digit = 2.0 * np.pi / 2**options.bits
     hidden = {key: float(size) for key, size in (h.split("=") for h in options.hide)}
     plant = Plant(options.scene, hidden)
     cable, radius = next(iter(plant.device.radii.items()))
@@ -59,10 +59,10 @@ def main() -> None:
         noise = np.random.default_rng(number)
         read = {
             "time_s": log["time_s"],
-            "motor_angle_rad": ENCODER * np.round(log["motor_angle_rad"] / ENCODER),
+            "motor_angle_rad": digit * np.round(log["motor_angle_rad"] / digit),
             # A sensor between motor and spool: what the rope takes from the motor.
             "motor_torque_nm": radius[0] * log[f"tension_{cable}_proximal_n"],
-            "joint_angle_rad": ENCODER * np.round(log["joint_angle_rad"] / ENCODER),
+            "joint_angle_rad": digit * np.round(log["joint_angle_rad"] / digit),
             "joint_torque_nm": log["joint_torque_nm"],
         }
         for column, deviation in NOISE.items():

@@ -13,8 +13,7 @@ from cc_mujoco.native import FloatArray
 
 Kind = TypeVar("Kind")
 
-MAX_FORCE = 1e12
-"""Largest force that is accepted [N], 1,000 times the largest `axial_stiffness`."""
+MAX_FORCE = 1e12  # that is accepted [N]: 1,000 times the largest `axial_stiffness`
 
 
 def require_kind(label: str, given: Any, kind: type[Kind]) -> Kind:
@@ -30,11 +29,7 @@ def numbers(
     high: float = math.inf,
     unit: str = "",
 ) -> FloatArray:
-    """Return an argument as an array of finite numbers.
-
-    Raises `CableError`, whose subject is `label`, if the shape differs from `shape`
-    (None for any) or a number's absolute value exceeds `high`.
-    """
+    """Return an argument as finite numbers of size up to `high`; `label` names it."""
     try:
         found = np.asarray(given)
     except ValueError:  # rows of unequal length

@@ -48,7 +48,6 @@ def column_names(path: Path) -> list[str]:
 def read_columns(
     path: Path, names: Iterable[str], _switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return columns (rows,) of a file by name; their lengths may differ."""
     with _arrays(path) as arrays:
         places = _columns(path, arrays)
         return {name: places[name][0].column(places[name][1]) for name in names}

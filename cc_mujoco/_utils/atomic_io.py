@@ -21,8 +21,7 @@ from pathlib import Path
 from cc_mujoco.errors import CableError
 
 METADATA_KEY = b"cc_mujoco"  # key of the metadata that mark a Parquet file as ours
-MANIFEST = ".written"
-"""File that lists the checksums of the files of a folder, see `write_manifest`."""
+MANIFEST = ".written"  # checksums of a folder's files, see `write_manifest`
 
 
 def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
@@ -50,10 +49,7 @@ def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -
 
 
 def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
-    """Raise `CableError`, before long work, if a file must not be written or replaced.
-
-    It need not exist; `ours` returns whether an existing file is of an earlier run.
-    """
+    """Raise `CableError`, before long work, if a file that is not `ours` is there."""
     if os.path.lexists(path) and not ours(path):
         raise CableError(
             f"{path} is there, and no such run wrote it; name another file to write."

@@ -19,8 +19,7 @@ def option_help(metavar: str | None = None) -> object:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
-PROGRESS_INTERVAL = 10.0
-"""Time between two bars in a file or a pipe [s]; the first comes after 2 s."""
+PROGRESS_INTERVAL = 10.0  # between bars in a file or pipe [s]; the first after 2 s
 
 Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Name = Annotated[str | None, option_help("NAME")]
@@ -43,11 +42,7 @@ class _Lines:
         self._held = ""
 
     def write(self, text: str) -> None:
-        """Write a state of the bar as a line, without cursor movements.
-
-        States within `PROGRESS_INTERVAL` of the last line are dropped, except the
-        final.
-        """
+        """Write the state of the bar once per `PROGRESS_INTERVAL`, and its last one."""
         self._held = text.strip("\r\n").rstrip() or self._held
         if self._held and (text == "\n" or perf_counter() >= self._due):
             sys.stderr.write(f"{self._held}\n")
@@ -67,10 +62,7 @@ def progress_options() -> dict[str, Any]:
 
 @contextmanager
 def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
-    """Show the progress of an episode of length `total` [s]; no bar if that is 0.
-
-    Yields a function to call with the simulated time reached [s].
-    """
+    """Show a bar up to `total` [s]; yield a function that takes the time reached."""
     from tqdm import tqdm
 
     with tqdm(

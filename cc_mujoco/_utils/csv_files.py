@@ -54,10 +54,9 @@ def read_sheet(
     what: str = "",
     require: Callable[[int], None] = lambda lines: None,
 ) -> Sheet:
-    """Read a whole CSV file as text.
+    """Read a whole CSV file as text; an error names its content `what`.
 
-    `what` names the content in an error, such as `the costs`. `require` is called with
-    the number of rows before they are parsed, and may raise if they are too many.
+    `require` is called with the number of rows before they are parsed, and may raise.
     """
     path = Path(path)
     try:

@@ -39,9 +39,7 @@ from cc_mujoco._utils.tables import is_table
 from cc_mujoco.errors import CableError
 
 POLICY_ENDING = ".safetensors"  # ending of a policy's file
-
-DECLARED = "CC_MUJOCO_FILES"
-"""Name in a user's module of the files that it reads, a tuple of paths."""
+DECLARED = "CC_MUJOCO_FILES"  # in a user's module: paths of the files that it reads
 
 
 def versions() -> dict[str, str]:
@@ -50,10 +48,7 @@ def versions() -> dict[str, str]:
 
 
 def source_files() -> dict[str, Path]:
-    """Return the library's files that determine its numbers, by relative path.
-
-    Tables of the benchmark's results are left out.
-    """
+    """Return the library's files that determine its numbers, by relative path."""
     found: dict[str, Path] = {}
     for package in ("cc_mujoco", "cc_mujoco.envs", "cc_mujoco.assets"):
         root = Path(str(importlib.import_module(package).__file__)).parent
@@ -134,8 +129,7 @@ def earlier_results_message(
 ) -> str:
     """Return a message on results of an earlier run; "" if there are none.
 
-    Of `number` results `kept` are reused. `changed` lists how others differ, which are
-    replaced; `kind` is the plural for results, such as "cells".
+    Of `number` results, called `kind`, `kept` are reused; others differ in `changed`.
     """
     parts = [f"{kept} of {number} {kind} kept; --again runs them anew."] if kept else []
     if changed:

@@ -89,7 +89,7 @@ def quantity_column(
     """Return the column of a quantity, in whatever unit the file has it.
 
     `name` ends in the SI unit, such as `angle_rad`; the file may also have `angle_deg`
-    or `Angle [deg]`. Raises `CableError` for none or several.
+    or `Angle [deg]`.
     """
     stem = name.rpartition("_")[0]
     found = {}
@@ -138,8 +138,7 @@ def read_course(
     """Return columns (rows,) in SI, without rows that are blank in all of them.
 
     The first of `columns` must increase from row to row, by at least `interval` in SI
-    if that is not 0, unless `is_rising` is False. Raises `CableError` for a missing
-    number.
+    if that is not 0, unless `is_rising` is False.
     """
     names = column_names(path)
     for column in columns:

@@ -36,7 +36,6 @@ class Table:
         )
 
     def shown(self, key: str) -> str:
-        """Return the text of a value for a message, cut to 60 characters."""
         text = repr(self.content[key])
         return text if len(text) <= 60 else f"{text[:57]}..."
 

@@ -32,18 +32,13 @@ from cc_mujoco.errors import CableError
 
 _CODE = re.compile(r":[^\W\d]\w*(?!\w|\s*=)")
 """End of `MODULE:NAME`; a parameter, as in `sine:frequency=2`, is no such end."""
-_allowed_names: set[str] = set()
-"""Names that calls of this process have allowed in files."""
+_allowed_names: set[str] = set()  # by calls of this process, in files
 _REFUSED = re.compile(r" \{refused: (.*?)\}", re.DOTALL)
 """Mark of a name that no call has allowed; no such name can be imported."""
 
 
 def allow(names: str | Iterable[str]) -> None:
-    """Allow this process to import `MODULE:NAME` when a file names it.
-
-    Args:
-        names: Names, or texts that contain names, such as the words of a command.
-    """
+    """Allow this process to import the `MODULE:NAME` in texts when a file names it."""
     for name in [names] if isinstance(names, str) else names:
         _allowed_names.update((name, *_parts(name)))
 
@@ -100,8 +95,7 @@ def named_object(kind: str, name: str, form: str) -> Any:
     """Return the object `MODULE:NAME`, or `FILE.py:NAME` with the path of a file.
 
     Modules are found as by `import` from the current folder. `kind` is the object's
-    role in an error ("controller"), `form` its Python type ("function"). Raises
-    `CableError` if it does not exist or comes from a file and was not allowed.
+    role in an error ("controller"), `form` its Python type ("function").
     """
     if refused := _REFUSED.search(name):
         raise CableError(refused[1])

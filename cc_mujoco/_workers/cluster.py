@@ -20,9 +20,7 @@ from cc_mujoco._workers.local_executor import Job, Progress
 from cc_mujoco.errors import CableError, import_extra
 
 CONNECT_TIMEOUT = 5.0  # time that a scheduler has to answer [s]
-WORKER_TIMEOUT = 60.0
-"""Time without any worker after which a study gives up [s]."""
-
+WORKER_TIMEOUT = 60.0  # time without any worker after which a study gives up [s]
 Answer = tuple[Any, str]  # answer of a worker: a result, and why it has none
 
 

@@ -13,11 +13,8 @@ from typing import Any, Protocol
 
 from cc_mujoco._utils import user_code
 
-Tick = Callable[[float], object]
-"""Takes the share of a piece that is done, 0 to 1; may raise to stop."""
-
-Progress = Callable[[float], None]
-"""Takes how much is done, in units of `Job.size`, a fraction for what is under way."""
+Tick = Callable[[float], object]  # takes the share of a piece done; may raise to stop
+Progress = Callable[[float], None]  # takes how much is done, in units of `Job.size`
 
 
 class Job(Protocol):

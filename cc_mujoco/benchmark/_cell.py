@@ -59,18 +59,13 @@ SCORES = _metrics(
     "peak_motor_torque chatter slack_under_load failed"
 )
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
+# Scores of an episode whose task commands an angle
 ANGLE_SCORES = _metrics(
     "rms_angle_error peak_angle_error rms_motor_torque peak_motor_torque chatter failed"
 )
-"""Scores of an episode whose task commands an angle."""
-SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)
-"""Scores of an episode with a fault of a sensor or a strap."""
-EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
-"""All, in the order of tables."""
-
-
-CUT_SHARE = "cut_share"
-"""Column of the share of an entry's torques beyond the motor's, which were cut."""
+SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)  # with a fault of sensor or strap
+EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))  # in this order
+CUT_SHARE = "cut_share"  # column: an entry's torques beyond the motor's, as a share
 
 
 @dataclass(frozen=True)
@@ -78,15 +73,11 @@ class Cell:
     """A controller in a condition, with the seeds of its episodes."""
 
     condition: Condition
-    controller: str
-    """Name of a controller or a reference."""
+    controller: str  # name of a controller or a reference
     seeds: tuple[int, ...] = (0,)
-    belief: conditions.Belief | None = None
-    """Belief; that of the condition by default."""
-    sensing: Sensing | None = None
-    """Sensing; that of the device by default."""
-    key: str = field(default="", repr=False)
-    """Secret of the run that samples the plants; see `_plant.new_key`."""
+    belief: conditions.Belief | None = None  # that of the condition by default
+    sensing: Sensing | None = None  # that of the device by default
+    key: str = field(default="", repr=False)  # secret of the run, see `_plant.new_key`
 
     def __post_init__(self) -> None:
         if not self.seeds or min(self.seeds) < 0:
@@ -103,18 +94,11 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """Result of a cell.
-
-    Attributes:
-        scores: scores by name, (seeds,); see `episode_scores`.
-        plants: true and assumed parameters of the driven cables by name, a list over
-            seeds each.
-        trace: time series by name (samples * seeds,) in the ordinary condition, {} in
-            others; names begin with the axis if there are several.
-    """
-
-    scores: dict[str, Array]
+    scores: dict[str, Array]  # by name (seeds,), see `episode_scores`
+    # True and assumed parameters of the driven cables by name, a list over seeds each
     plants: dict[str, list[Any]]
+    # Time series by name (samples * seeds,) in the ordinary condition, {} in others;
+    # names begin with the axis if there are several.
     trace: dict[str, Array]
 
 
@@ -165,9 +149,9 @@ def believed_drives(
 ) -> list[tuple[Drive, ...]]:
     """Return, for each plant, the drive of each axis with cables as assumed.
 
-    `drives` are those of the axes, with true moment arms; `driven` has the names of the
-    cables of each axis. `draws` and `beliefs` have an entry per plant, and `beliefs`
-    are the errors of the assumed parameters.
+    `drives` are those of the axes, with true moment arms; `driven` has the names of
+    each axis's cables. `draws` and `beliefs` (errors of the parameters) have an entry
+    per plant.
     """
     found: list[tuple[Drive, ...]] = []
     for drawn, belief in zip(draws, beliefs, strict=True):
@@ -263,7 +247,6 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
 
 
 def play(cell: Cell) -> CellResult:
-    """Simulate a cell by itself and return its result; see `play_group`."""
     return play_group([cell])[0]
 
 
@@ -412,10 +395,7 @@ def _trace_columns(
 
 
 def ranked_score(names: Iterable[str]) -> str:
-    """Return the score among these names by which controllers are ranked.
-
-    It is the peak torque after a fault, else the RMS error of torque or of angle.
-    """
+    """Return the score by which controllers are ranked: a peak, else an RMS error."""
     errors = "peak_over_safe", "rms_torque_error", "rms_angle_error"
     return next(error for error in errors if error in names)
 

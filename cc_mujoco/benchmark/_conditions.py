@@ -30,27 +30,24 @@ class Liner(NamedTuple):
 
 
 TRANSMISSIONS = {
-    "good": Liner(0.05, 0.06),
-    "ordinary": Liner(0.10, 0.15),
-    "table22": Liner(0.21, 0.63),
+    "good": Liner(0.05, 0.06),  # assumed
+    "ordinary": Liner(0.10, 0.15),  # assumed
+    "table22": Liner(0.21, 0.63),  # Table 2.2 of the thesis
 }
-"""Good and ordinary liner (assumed), and that of Table 2.2 of the thesis."""
 OWN_LINER = "own"  # transmission with the friction of the scene
 
+# Standard deviations of the relative errors of a controller's parameters
 MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
-"""Standard deviations of the relative errors of a controller's parameters."""
 
+# Transmission and error of the condition that all others differ from
 DEFAULT_CONDITION = "ordinary", "rough"
-"""Transmission and error of the condition that all others differ from."""
-
 
 STRUCTURE, KNOWN, STALE, FITTED_ANEW = "structure-", "known-", "-stale", "-fitted"
 """Prefixes of the names of conditions with an effect that the controller does not know,
 and with the same that it knows. Suffixes of those of the suite `position`, by the trial
 that fits the controllers: one on the scene, or one on the plant itself."""
 
-WARM_UP = 0.5
-"""Time at the start of an episode that has no score [s]."""
+WARM_UP = 0.5  # time at the start of an episode that has no score [s]
 
 
 @dataclass(frozen=True)
@@ -76,31 +73,19 @@ class Together(human.Trajectory):
 class Condition:
     """Condition of an episode: device, motion, task, sensors, plant and model error."""
 
-    scene: str
-    """Name or file of the device."""
+    scene: str  # name or file of the device
     name: str
-    trajectory: human.Trajectory
-    """Motion of the wearer at all axes."""
-    task: human.Task | tuple[human.Task, ...]
-    """Task of all axes, or of each."""
-    transmission: str = DEFAULT_CONDITION[0]
-    """A key of `TRANSMISSIONS`, or `OWN_LINER`."""
-    error: str = DEFAULT_CONDITION[1]
-    """A key of `MODEL_ERRORS`."""
-    impedance: float = 1.0
-    """Impedance of the wearer, as a multiple of the scene's."""
-    delay: tuple[int, int] = (1, 2)
-    """Least and most delay of measurements in control steps."""
-    noise: float = 1.0
-    """Noise of all sensors and their biases, as a multiple of the device's."""
-    moving_route: bool = False
-    """True if the conduit bends as the leg moves."""
-    structure: str = ""
-    """Effect that the plant has and the controller does not know; see `_plant`."""
-    known: bool = False
-    """True if the controller's model has that effect, too; of a cable alone."""
-    duration: float = 4.0
-    """Length of an episode [s]."""
+    trajectory: human.Trajectory  # of the wearer at all axes
+    task: human.Task | tuple[human.Task, ...]  # of all axes, or of each
+    transmission: str = DEFAULT_CONDITION[0]  # key of `TRANSMISSIONS`, or `OWN_LINER`
+    error: str = DEFAULT_CONDITION[1]  # a key of `MODEL_ERRORS`
+    impedance: float = 1.0  # of the wearer, as a multiple of the scene's
+    delay: tuple[int, int] = (1, 2)  # least and most, of measurements [control steps]
+    noise: float = 1.0  # of all sensors and their biases, over the device's
+    moving_route: bool = False  # true if the conduit bends as the leg moves
+    structure: str = ""  # effect unknown to the controller, see `_plant`
+    known: bool = False  # true if its model has that effect, too; of a cable alone
+    duration: float = 4.0  # length of an episode [s]
 
     def __post_init__(self) -> None:
         axes = find_device(self.scene).description.axes
@@ -154,9 +139,7 @@ def is_walk(source: human.Trajectory) -> bool:
 def plant_key(name: str) -> str:
     """Return the text that seeds the plants of the condition of this name.
 
-    Conditions with equal keys share their plants: those that differ in model error
-    only, in whether the controller knows an effect, or in the plant it is calibrated
-    on.
+    Conditions that differ only in what the controller knows share their plants.
     """
     if name.startswith(KNOWN):
         return STRUCTURE + name.removeprefix(KNOWN)
@@ -197,10 +180,8 @@ def named_condition(plain: Condition, name: str, **changes: object) -> Condition
 class Belief:
     """Random relative errors of the cable parameters that a controller assumes."""
 
-    error: float = 0.1
-    """Error of both friction coefficients, axial stiffness and pretension."""
-    bias: float = 0.0
-    """Relative error of friction that is the same for all, added to the draw."""
+    error: float = 0.1  # of both friction coefficients, axial stiffness, pretension
+    bias: float = 0.0  # of friction, the same for all, added to the draw
 
     def __post_init__(self) -> None:
         require_parameter(self, "error", 0.0, 0.3, "")
@@ -229,18 +210,13 @@ class Reference:
     """A device or controller that no user enters, which gives errors a scale."""
 
     meaning: str
-    controller: str | None = None
-    """Name of the controller; without one the motor gives no torque."""
-    changes: dict[str, Value] = field(default_factory=dict)
-    """Changes to every cable of the plant."""
-    ideal: bool = False
-    """True if the desired torque reaches the joint whatever the cables do."""
-    belief: Belief | None = None
-    """Belief of the controller; that of the condition by default."""
+    controller: str | None = None  # without one the motor gives no torque
+    changes: dict[str, Value] = field(default_factory=dict)  # to every cable
+    ideal: bool = False  # true if the desired torque reaches the joint in any case
+    belief: Belief | None = None  # that of the condition by default
 
 
-SCALE_CONTROLLER = "none"
-"""The controller whose mean error in a condition is an error of 1."""
+SCALE_CONTROLLER = "none"  # whose mean error in a condition is an error of 1
 
 REFERENCES = {
     "unplugged": Reference(

@@ -18,8 +18,7 @@ from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns
 
-STRAP = "strap-open"
-"""Fault in which the wearer leaves the device: nothing holds the joint any more."""
+STRAP = "strap-open"  # the wearer leaves the device: nothing holds the joint any more
 TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
     "torque-dead": lambda now, past: 0.0 * now,
     "torque-frozen": lambda now, past: past,
@@ -36,7 +35,6 @@ FAULTS = (
     *("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped"),
     STRAP,
 )
-"""Every fault by name."""
 
 
 def safety_conditions(scene: str) -> list[Condition]:
@@ -46,10 +44,7 @@ def safety_conditions(scene: str) -> list[Condition]:
 
 
 def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
-    """Return the control step at which each device's fault begins, 0.55 to 1.55 s.
-
-    `seeds` are `Draw.seed` of each device; `period` is the control period [s].
-    """
+    """Return the control step (`period` [s]) at which each device's fault begins."""
     drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
     # A fault begins after 0.55 to 1.55 s, sampled with the plant.
     return [round(one.uniform(0.55, 1.55) / period) for one in drawn]
@@ -66,7 +61,7 @@ class FaultySensors:
     ) -> None:
         """Prepare a sensor fault of `FAULTS` from control steps `onsets` (devices,) on.
 
-        `sensors` are the fault-free ones of all axes, `ratios` has `Drive.ratio` by
+        `sensors` are those of all axes without the fault, `ratios` has `Drive.ratio` by
         column prefix of the axis, and `period` is the control period [s].
         """
         self._fault, self._sensors, self._ratios = fault, sensors, ratios
@@ -133,7 +128,6 @@ class StrapOpening:
     """A fault in which the wearer comes off the device; called by `Batch.actuate`."""
 
     def __init__(self, batch: Batch, onsets: Sequence[int]) -> None:
-        """Prepare for straps that open at control steps `onsets` (devices,)."""
         self._batch, self._onsets = batch, np.array(onsets)
 
     def __call__(self, step: int, columns: Columns, torque: Array) -> Array:

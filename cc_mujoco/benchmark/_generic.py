@@ -28,11 +28,7 @@ from cc_mujoco.simulation._worn_device import axis_trajectories
 
 
 def generic_conditions(scene: str) -> list[Condition]:
-    """Return all conditions of a device.
-
-    Raises `CableError` if its description names no trajectory or task, or a task that
-    commands an angle.
-    """
+    """Return all conditions of a device, whose task must not command an angle."""
     device, model = find_device(scene), DeviceModel.of(scene)
     plain, tasks = plain_condition(scene), device_motion(model)[1]
     found = varied_conditions(plain, bool(device.wearers))
@@ -103,10 +99,7 @@ def trajectory_of(source: Trajectory, joint: str) -> Trajectory:
 
 
 def _held(one: Task) -> Task:
-    """Return a constant task at half the peak torque [N m] of a task over the gait.
-
-    A task that does not follow the gait is returned unchanged.
-    """
+    """Return `Hold` at half the peak torque of a task that follows the gait."""
     if not one.follows_gait:
         return one
     phases = np.linspace(0.0, 1.0, 1001)
@@ -117,10 +110,7 @@ def _held(one: Task) -> Task:
 
 
 def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> float:
-    """Return the size [rad] of a bump that uses half the joint's distance to its stops.
-
-    It is at most 0.1 rad and a quarter of `reach` [rad].
-    """
+    """Return the size of a bump [rad], by `reach` [rad] and the distance to stops."""
     motion = source.sample(Condition.duration, 0.01, np.random.default_rng(0))
     angle = motion.companions.get(joint, motion).angle
     low, high = model.ranges[joint]

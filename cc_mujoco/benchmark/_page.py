@@ -39,7 +39,6 @@ CAPTIONS = {
     "better than none, red is worse.",
     "cycle": "Error over the cycle in the ordinary condition.",
 }
-"""Captions of the figures of a device."""
 
 
 def write(
@@ -212,10 +211,9 @@ def cycle(own: DeviceResults) -> Figure:
 
 
 def robustness(own: DeviceResults) -> Figure:
-    """Draw the normalised error of every controller in every condition as a heat map.
+    """Draw the normalised error by condition (rows) and controller (columns).
 
-    Rows are conditions, columns controllers. Colours are logarithmic around 1, the
-    error of `none`. The figure is readable on a phone.
+    Colours are logarithmic around 1, the error of `none`.
     """
     shown = [law for law in own.errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
     shown = shown or [SCALE_CONTROLLER]

@@ -21,8 +21,7 @@ from cc_mujoco.device import DeviceModel, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
 
-WITH_SENSOR = ("distal_feedback",)
-"""Controllers that measure the joint, whatever the device measures."""
+WITH_SENSOR = ("distal_feedback",)  # controllers that measure the joint in any case
 
 
 @dataclass(frozen=True)

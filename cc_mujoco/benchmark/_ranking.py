@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
     @property
     def real(self) -> bool:
-        """True if the difference is significant: its interval excludes 0."""
+        """True if its interval excludes 0."""
         return self.low > 0.0 or self.high < 0.0
 
     def __str__(self) -> str:
@@ -56,14 +56,9 @@ class Difference(NamedTuple):
 def normalise_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
     """Return errors relative to the mean error of `none` in the same condition.
 
-    The error of a device is the mean over its axes, each relative to its own scale.
-
-    Args:
-        rms: RMS error by controller and condition, (seeds, axes); NaN where it
-            diverged.
-
-    Returns:
-        By controller, (conditions, seeds).
+    `rms` has the RMS error by controller and condition, (seeds, axes), NaN where it
+    diverged; the result is (conditions, seeds) by controller. The error of a device is
+    the mean over its axes, each relative to its own scale.
     """
     unit = {
         name: np.array([np.nanmean(axis) for axis in values.T])

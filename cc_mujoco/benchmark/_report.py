@@ -30,17 +30,14 @@ from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report._html import list_words
 from cc_mujoco.report._markdown import table
 
-Cells = tuple[list[str], list[list[str]]]
-"""Titles of the columns of a table, and its rows."""
+Cells = tuple[list[str], list[list[str]]]  # titles of columns, and rows
 
 DEFAULT_BASELINE = "pi"
-"""Default controller that others are compared with."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval, chatter [mN m] and motor peak [N m]; and failed "
     "episodes, if any:"
 )
-"""Heading of `overview_table`."""
 TIMES_TITLE = "Computing time of a step of one device"
 
 
@@ -49,12 +46,9 @@ def all_tables(
     baseline: str = DEFAULT_BASELINE,
     left_out: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Return all tables as Markdown.
+    """Return all tables as Markdown, controllers compared with `baseline`.
 
-    Args:
-        results: Results of a run.
-        baseline: Controller that the others are compared with.
-        left_out: Devices that the suite no longer has, and the reason.
+    `left_out` has devices that the suite no longer has, and the reason.
     """
     first, *others = by_device(results)
     parts = [

@@ -29,8 +29,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray as Array
 
 Results = Sequence[tuple[Cell, CellResult]]
+# RMS errors by scene, controller and condition, (seeds, axes)
 Errors = dict[str, dict[str, dict[str, Array]]]
-"""RMS errors by scene, controller and condition, (seeds, axes)."""
 
 
 def rms_errors(results: Results) -> Errors:
@@ -133,10 +133,7 @@ def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
 
 
 def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
-    """Return the rows and the provenance of a results file.
-
-    Raises `CableError` if the file was changed after it was written.
-    """
+    """Return the rows and the provenance of a results file, if it is as written."""
     if not Path(path).exists():
         raise CableError(f"there is no file {path} of results.")
     try:
@@ -163,7 +160,7 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
     """Return the RMS errors and the provenance of a results file.
 
     The provenance is the metadata of `write_results` with the seeds of every condition
-    (`seeds`). Raises `CableError` if the file was changed after it was written.
+    (`seeds`).
     """
     table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, list[float]]]]]] = {}

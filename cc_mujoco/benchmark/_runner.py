@@ -62,17 +62,12 @@ class BenchmarkPlan:
     controllers: tuple[str, ...]
     suite: str = "v1"
     scenes: tuple[str, ...] = ()
-    conditions: tuple[str, ...] = ()
-    """Names of conditions, of the devices that have them."""
-    seeds: int | None = None
-    """Number of seeds; that of the suite by default."""
-    first_seed: int = 0
-    """First seed; the others follow. A judge may choose it afterwards."""
-    duration: float | None = None
-    """Length of an episode; that of the conditions by default [s]."""
+    conditions: tuple[str, ...] = ()  # by name, of the devices that have them
+    seeds: int | None = None  # their number; that of the suite by default
+    first_seed: int = 0  # the others follow; a judge may choose it afterwards
+    duration: float | None = None  # of an episode [s]; the conditions' by default
     key: str = field(default="", repr=False)
-    """Secret of the run, see `_plant.new_key`; none where plants follow from the seeds
-    alone."""
+    """Secret of the run, see `_plant.new_key`; "" where seeds alone give the plants."""
 
     @property
     def _suite(self) -> Suite:
@@ -84,7 +79,7 @@ class BenchmarkPlan:
         return tuple(dict.fromkeys(names))
 
     def played(self) -> list[Condition]:
-        """Return all selected conditions; raise `CableError` for an unknown name."""
+        """Return all selected conditions."""
         scenes = tuple(dict.fromkeys(self.scenes or self._suite.scenes))
         labels: dict[str, str] = {}
         for scene in scenes:
@@ -111,11 +106,7 @@ class BenchmarkPlan:
         return provenance(self.controllers, [at.scene for at in self.played()])
 
     def cells(self) -> list[Cell]:
-        """Return all cells, in the order of tables.
-
-        Raises `CableError` if there is none, a name is unknown, or two cells would have
-        files of the same name.
-        """
+        """Return all cells, in the order of tables; their file names must differ."""
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")
         for name in self.controllers:
@@ -183,7 +174,6 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
 
 def require_ours(out: str | os.PathLike[str]) -> None:
-    """Raise `CableError` if results cannot or must not be written to a folder."""
     cells = Path(out, CELLS_FOLDER)
     atomic_io.require_ours(out, lambda _: any(map(is_marked, cells.glob("*.parquet"))))
     atomic_io.require_unmodified(out, TEXT_FILES)
@@ -211,10 +201,6 @@ def run(
         again: Run finished cells again.
         progress: Called with the number of finished cells.
         say: Called with a sentence about results of an earlier run, if there are any.
-
-    Raises:
-        CableError: If a name is unknown, a controller cannot be used or the folder
-            cannot be written or holds files that are not a benchmark's.
     """
     require_ours(out)
     plan.rehearse()

@@ -101,15 +101,11 @@ class Suite:
     """Devices and conditions to simulate, and the number of seeds."""
 
     meaning: str
-    scenes: tuple[str, ...]
-    """Devices that are played unless some are named."""
-    maker: Callable[[str], list[Condition]]
-    """Function that returns the conditions of a device."""
+    scenes: tuple[str, ...]  # played unless some are named
+    maker: Callable[[str], list[Condition]]  # returns the conditions of a device
     seeds: int
-    commands_angle: bool = False
-    """True if the task is an angle of the joint, and none of a torque."""
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    """Devices that the suite can no longer have, and the reason."""
+    commands_angle: bool = False  # true if the task is an angle, not a torque
+    left_out: Mapping[str, str] = field(default_factory=dict)  # and the reason
 
     @property
     def references(self) -> tuple[str, ...]:
@@ -118,11 +114,9 @@ class Suite:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Names of all built-in controllers that the suite can play."""
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:
-        """Return all conditions of a device; raise `CableError` if it has none."""
         if scene in self.left_out:
             raise CableError(
                 f"the suite has {scene!r} no more: {self.left_out[scene]}; "

@@ -40,20 +40,17 @@ from cc_mujoco.errors import CableError
 
 _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")
-"""Key, number of dimensions (0 to 2), the first two of them, or 1, and the time that it
-took [s]."""
+"""Key, number of dimensions (0 to 2), the first two of them or 1, time taken [s]."""
 
-ANSWER_TIME = 120.0
-"""Time that an entry has for an answer of all plants, its compilation included [s]."""
+ANSWER_TIME = 120.0  # for an answer on all plants, with compilation [s]
 
 _processes: dict[str, _Process] = {}  # process of every entry that this process judges
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
-    """Return package versions, and digests of the sources and of controllers' files.
+    """Return the `code_provenance` of controllers that were made before.
 
-    The controllers were made before. One in a process of its own contributes the files
-    that it loaded there.
+    One in a process of its own contributes the files that it loaded there.
     """
     others = [name for name in names if not registry.runs_code(name)]
     found = code_provenance(
@@ -92,8 +89,7 @@ class Entry(Controller):
     ) -> None:
         """Create the controller in its process, which starts if it does not run yet.
 
-        `name` is `module:function`, or such names by axis; `drives` has the drive of
-        every axis for each plant, `prefixes` the column prefix of every axis.
+        `drives` has each axis's drive for each plant, `prefixes` its column prefix.
         """
         super().__init__(drives[0][0])
         self.name = name
@@ -103,8 +99,8 @@ class Entry(Controller):
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
         self.spent = 0.0  # processor time of the last torque, by the entry [s]
+        # Calls, and for each plant how many gave a torque beyond the motor's
         self.calls, self.cut = 0, np.zeros(len(drives))
-        """Calls, and for each plant how many gave a torque beyond the motor's."""
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         self._process.ask("reset", self._key, where)

@@ -32,8 +32,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
 
     Each is simulated with the others of its cell; computing times are not compared. The
     normalised error of every row is recomputed from the RMS errors. Returns a sentence
-    with the number of compared rows. Raises `CableError` if the file was changed or
-    made by other code, has conditions unknown to this version, or a replay differs.
+    with the number of compared rows; a difference is an error.
     """
     table, about = read_rows(path)
     if not 1 <= count <= len(table):

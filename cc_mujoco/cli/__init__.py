@@ -90,7 +90,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _print_warning(
     message: Warning | str, category: type[Warning], *_: object, **__: object
 ) -> None:
-    """Print a warning as one sentence; a replacement of `warnings.showwarning`."""
     print(f"warning: {message}", file=sys.stderr)
 
 

@@ -20,8 +20,7 @@ GROUP = "cc_mujoco.commands"
 class CommandOptions(Protocol):
     """Dataclass of a command; its fields are the options.
 
-    An attribute `interrupted` may say what an interruption leaves behind, if that is
-    not "nothing was written".
+    An attribute `interrupted` may say what an interruption leaves behind.
     """
 
     def run(self) -> int | None:

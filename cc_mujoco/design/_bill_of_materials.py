@@ -26,8 +26,7 @@ from cc_mujoco.device import MATERIALS, MOTORS, DeviceModel, Plant
 from cc_mujoco.device._materials import area
 from cc_mujoco.errors import CableError
 
-EXAMPLE = Path(__file__).with_name("costs.csv")
-"""Table of costs that is used by default."""
+EXAMPLE = Path(__file__).with_name("costs.csv")  # the default table
 
 PARTS = dict(motor="piece", pulley="piece", rope="m", conduit="m", fittings="cable")
 """Parts that every table of costs must have, and the unit that a cost is for."""

@@ -115,11 +115,9 @@ def evaluate(
 ) -> list[DesignResult]:
     """Simulate and measure designs of equal layout (numbers of segments) together.
 
-    Returns one result per design; a failure does not affect the others. Of several
-    controllers it is that with the least tracking error, the first if equal. A design
-    fails only if all of its controllers do. Over several cases the controller is the
-    same in all: that with the least aggregated tracking error, of those that fail in
-    none.
+    The result has an entry per design; a failure does not affect the others. Of several
+    controllers it is that with the least tracking error over all cases, the first if
+    equal, among those that fail in no case; a design fails if none is left.
 
     `tick` is called repeatedly with the share that is done; it may raise to stop.
     """
@@ -160,7 +158,6 @@ class _Scores:
         plants: Sequence[Plant],
         models: Sequence[mujoco.MjModel],
     ) -> None:
-        """Start the tables; measure the plants' parts if a metric needs them."""
         self._protocol = protocol
         laws = protocol.controllers
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
@@ -308,9 +305,6 @@ def episodes(
     Each comes with its test and the name of its controller, "" if the test is of the
     hardware alone. The wearer is that of the first of `designs`, who by default walks
     at the measured speed.
-
-    Raises:
-        CableError: the trajectory or the task cannot be played.
     """
     main = _main_episode(protocol, designs)
     needed = {metric_of(name).test for name in protocol.metrics}

@@ -76,10 +76,6 @@ def study(
         metric is the worst of its numbers; `METRIC@worst_case` names that case,
         `METRIC@least` and `METRIC@most` are the extremes. Of several controllers,
         `METRIC@CONTROLLER` has each.
-
-    Raises:
-        CableError: the study is impossible, or `out` holds results of other code;
-            raised before it runs.
     """
     how = {field.name for field in dataclasses.fields(whatif.Execution)}
     what = {field.name for field in dataclasses.fields(whatif.StudySpec)}
@@ -121,10 +117,6 @@ def optimise(
     Returns:
         A row per design in the order of the search, as from `study`. `objective_costs`
         and `pareto_rows` find the best of them.
-
-    Raises:
-        CableError: the search is impossible, or Optuna is not installed; raised before
-            it runs.
     """
     fields |= {"objectives": objectives, "subject_to": subject_to}
     return study(scene, vary, evaluations=evaluations, **fields)
@@ -392,13 +384,11 @@ def fit_profile(
     """Return a design whose torque profile ends by toe-off.
 
     The latest peak depends on the shortest fall; the longest fall and the latest onset
-    depend on the peak. A sampler draws each variable from its full range; the draw is
-    mapped to the same fraction of the possible range. Every design is then possible,
-    and the longest fall is at the end of its range instead of on a diagonal of two
-    variables.
-
-    `ranges` has low end, high end and whether logarithmic of each drawn variable. The
-    profile has to end within the shortest stance of all `cases`.
+    depend on the peak. A draw from the full range of a variable is mapped to the same
+    fraction of the possible range, so that every design is possible and limits are no
+    diagonals of two variables. `ranges` has low end, high end and whether logarithmic
+    of each drawn variable. The profile has to end within the shortest stance of all
+    `cases`.
     """
     found = dict(design)
     if not any(name in design for name in PROFILE):

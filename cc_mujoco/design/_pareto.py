@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -50,9 +51,9 @@ class MetricLimit:
     def text(self) -> str:
         return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
 
-    def beyond(self, metrics: Mapping[str, float]) -> float:
+    def beyond(self, metrics: Mapping[str, Any]) -> float:
         """Return the excess over the limit, relative to it unless it is 0."""
-        over = metrics[self.column] - self.bound
+        over: float = metrics[self.column] - self.bound
         return (-over if self.least else over) / (abs(self.bound) or 1.0)
 
 
@@ -63,9 +64,6 @@ def read_limits(
 
     `measured` are the metrics of the study, None if it measures any that is named. With
     `across`, designs have several cases, in all of which limits hold.
-
-    Raises:
-        CableError: not of that form, no such metric, or not measured.
     """
     found = []
     for text in require_list("subject_to", texts):
@@ -95,9 +93,6 @@ def read_objectives(
 
     A user's metric is `MODULE:NAME`, or only its name once it was imported. For
     `measured` see `read_limits`.
-
-    Raises:
-        CableError: no such metric, no better side, not measured, or given twice.
     """
     found: list[Objective] = []
     for text in require_list("objectives", texts):

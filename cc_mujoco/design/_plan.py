@@ -57,12 +57,8 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
-_LONGEST_TEXT = 200
-"""Length of a trajectory's `repr` above which a digest replaces it."""
-
-VALUES_KEY = "values"
-"""Key of a study's description: a digest of each variable's values."""
-
+_LONGEST_TEXT = 200  # length of a trajectory's `repr` above which a digest replaces it
+VALUES_KEY = "values"  # of a study's description: a digest of each variable's values
 GENERATION = 32  # designs per generation of a search
 PIECE = 8  # designs of a generation per batch of simulations
 
@@ -73,20 +69,13 @@ class Plan:
 
     protocol: EpisodeProtocol
     designs: tuple[Design, ...]
-    ranges: Mapping[str, Range]
-    """Range of each variable; of a list of designs, the values that occur."""
-    full: bool
-    """True if the designs are every combination of the levels of the ranges."""
-    batches: tuple[tuple[int, ...], ...]
-    """Indices of designs that are simulated together."""
-    search: Mapping[str, Any] | None = None
-    """Settings of the search for designs, as plain JSON; None without a search."""
-    objectives: tuple[Objective, ...] = ()
-    """Metrics to minimise or maximise."""
-    limits: tuple[MetricLimit, ...] = ()
-    """Bounds on metrics that a feasible design satisfies."""
-    evaluations: int = 0
-    """Number of designs that a search evaluates."""
+    ranges: Mapping[str, Range]  # of listed designs, the values that occur
+    full: bool  # true if the designs are every combination of the ranges' levels
+    batches: tuple[tuple[int, ...], ...]  # indices of designs simulated together
+    search: Mapping[str, Any] | None = None  # its settings, as plain JSON
+    objectives: tuple[Objective, ...] = ()  # metrics to minimise or maximise
+    limits: tuple[MetricLimit, ...] = ()  # bounds that a feasible design satisfies
+    evaluations: int = 0  # designs that a search evaluates
 
     @property
     def varied(self) -> tuple[str, ...]:

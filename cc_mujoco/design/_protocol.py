@@ -37,12 +37,10 @@ DEFAULT_METRICS = (
 """Metrics that are measured by default, if designs have them."""
 DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
 """Metrics that rank designs where no objective is given, of those that were measured:
-tracking of the task, resistance without power, size of the motor.
-"""
+tracking of the task, resistance without power, size of the motor."""
 HELD_TESTS = ("backlash", "bandwidth")
 COST_METRIC = "cost"  # metric that a table of costs is for
-CONTROLLER_METRIC = "rms_torque_error"
-"""Metric that selects the best of several controllers: the least is best."""
+CONTROLLER_METRIC = "rms_torque_error"  # the least selects one of several controllers
 _OF_MOTOR = ("motor_mass", Key.CONTINUOUS_TORQUE, Key.WINDING_RESISTANCE,
              Key.TORQUE_CONSTANT)  # fmt: skip
 REQUIRED_VARIABLES = {

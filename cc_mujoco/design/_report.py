@@ -47,11 +47,8 @@ CAPTIONS = {
     "heatmaps.png": "Every metric over these two variables.",
     "pareto.png": "All designs, and those that nothing beats.",
 }
-"""Figures and what they show."""
 REPORT_FILES = (REPORT_FILE, RANKING_FILE, *TABLE_FILES, *CAPTIONS)
-"""All files that may be written in addition to the table."""
-PAGE_WIDTH = 4.8
-"""Width of a figure whose text can be read where the page is 390 px wide [inch]."""
+PAGE_WIDTH = 4.8  # of a figure that can be read where the page is 390 px wide [inch]
 
 
 def write_report(
@@ -127,7 +124,6 @@ SECTION_TITLES = {
     "words": "What the names mean",
     "made": "How this was made",
 }
-"""Sections of the page in their order."""
 
 
 def _page(found: RankedStudy, folder: Path, drawn: Container[str], command: str) -> str:

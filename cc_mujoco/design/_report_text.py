@@ -40,16 +40,10 @@ from cc_mujoco.report._html import (
 
 Row = Mapping[str, object]
 
-NEAR_BEST_SHARE = 0.05
-"""Part of an objective's range within which designs are as good as the best."""
-
-
+NEAR_BEST_SHARE = 0.05  # of an objective's range within which designs equal the best
 UNKNOWN_REASON = (
     "no variation, too few designs, or designs left out are not predicted by the others"
 )
-"""Why it may be unknown what a metric depends on."""
-
-
 SLOPES_NOTE = (
     "How much each number changes at the best design for a tenth of a variable's range "
     "more, or over the neighbouring values where only some are allowed: by designs a "
@@ -57,7 +51,6 @@ SLOPES_NOTE = (
     "difference between the two sides; where it is as large as the change itself, the "
     "number bends there and the slope says little."
 )
-"""Explanation of the table of slopes."""
 PRICES_NOTE = (
     "What moving by up to a tenth of every range should bring by these slopes (a "
     "linear program), the other objectives no worse, and what it brought when it was "
@@ -68,7 +61,6 @@ PRICES_NOTE = (
     "keeps the rest, the best design was not yet the optimum. “Keeps the rest” allows "
     "another objective to be 1 % worse."
 )
-"""Explanation of the table of prices."""
 
 
 class RankedStudy:
@@ -229,12 +221,7 @@ def _least_violating(found: RankedStudy) -> list[Html]:
     known = [r for r in found.rows if all(r[n.column] is not None for n in limits)]
     if not limits or not known:
         return []
-
-    def beyond(row: Row) -> float:
-        metrics = {limit.column: float(str(row[limit.column])) for limit in limits}
-        return max(limit.beyond(metrics) for limit in limits)
-
-    row = min(known, key=beyond)
+    row = min(known, key=lambda row: max(limit.beyond(row) for limit in limits))
     gives = list_words([f"{plain_name(n.name)} {format_quantity(n.name, row[n.column])}"
                     for n in limits])  # fmt: skip
     nearest = f"design {row['design']}, {_quantities(row, found.varied)}"

@@ -43,10 +43,8 @@ _KEY_NAMES = {
     "own": "metrics of the user",
 }
 """Words in messages for keys of a study's description that users do not know."""
-FAILED_COLUMN = "failed"
-"""Column of the reason why a design failed; `failed@NAME` is that of a controller."""
-CONTROLLER_COLUMN = "controller"
-"""Column of the controller of the metrics, if several were tried."""
+FAILED_COLUMN = "failed"  # why a design failed; `failed@NAME` is of a controller
+CONTROLLER_COLUMN = "controller"  # of the metrics, if several were tried
 
 
 class Store:

@@ -80,7 +80,6 @@ class Across:
         return ", ".join(f"{name}={format_short(v)}" for name, v in case.items())
 
     def aggregation(self) -> str:
-        """Return words for the aggregation of metrics and the cases."""
         texts = [f"{n} {', '.join(map(format_short, v))}" for n, v in self.levels]
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
         return f"the {RANK_NAMES[self.rank]} over {many} ({'; '.join(texts)})"

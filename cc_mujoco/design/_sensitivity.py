@@ -30,11 +30,10 @@ from cc_mujoco.native import FloatArray as Array
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
 
+# First order, total, pairs
 Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
-"""First order, total, pairs."""
 
-LOG2_POINTS = 11
-"""Logarithm (base 2) of the number of points of an estimate; errors use a quarter."""
+LOG2_POINTS = 11  # log2 of the number of points of an estimate; errors use a quarter
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,7 @@ class Surface:
         return np.asarray(self._fitted(x[:, self.active]))
 
     def halves(self, count: int) -> Iterator[Surface]:
-        """Yield up to `count` surfaces, each through a random half of the designs.
-
-        A half through which no spline can be laid is left out.
-        """
+        """Yield up to `count` surfaces through random halves that have a spline."""
         rng = np.random.default_rng(1)
         for _ in range(count):
             half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
@@ -77,9 +73,7 @@ class Sensitivity:
     first: dict[str, float]  # part of the variance that each variable makes alone
     total: dict[str, float]  # part that each variable makes with all its interactions
     pairs: dict[tuple[str, str], float]  # part that two variables make only together
-    effects: dict[
-        str, tuple[Array, Array]
-    ]  # values of a variable and mean metric there
+    effects: dict[str, tuple[Array, Array]]  # values of a variable, mean metric there
     levels: dict[str, tuple[str, ...]]  # texts of values that are no numbers
     surface: Surface | None = None  # that the numbers are of, where they are not exact
     errors: Indices = ({}, {}, {})  # of `first`, `total`, `pairs`, if not exact

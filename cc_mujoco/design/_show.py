@@ -35,14 +35,12 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 TABLE, PICTURE, RECORDING = "comparison.md", "comparison.png", "comparison.rrd"
 FILES = (TABLE, PICTURE, RECORDING)
-"""Files that `write_comparison` leaves in its folder."""
 
 
 class FinishedStudy:
     """Finished study in a folder: its protocol and table."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Read the folder; see `read_protocol` and `read_table`."""
         self.folder = Path(folder)
         self.about, self.protocol = read_study(self.folder), read_protocol(self.folder)
         self.table = read_table(self.folder)
@@ -50,7 +48,6 @@ class FinishedStudy:
         self._across = Across(tuple((n, tuple(each)) for n, each in levels.items()))
 
     def row(self, number: int) -> dict[str, Any]:
-        """Return the row of design `number` in the table, by column."""
         if not 0 <= number < len(self.table):
             raise CableError(
                 f"the study in {self.folder} has designs 0 to {len(self.table) - 1}, "
@@ -102,10 +99,6 @@ def show(
     default that in which the first metric is worst, or the first if the design failed.
     `progress` is called with the simulated time [s]. `allow` has `MODULE:NAME` of user
     code that the files of the study may name.
-
-    Raises:
-        CableError: there is no finished study or no such row, its code or files
-            have changed, or the design fails.
     """
     user_code.allow(allow)
     study = FinishedStudy(folder)
@@ -173,7 +166,6 @@ class Pair(NamedTuple):
 
     @property
     def difference(self) -> float | None:
-        """Difference of both values; None unless both are numbers."""
         both = self.one, self.other
         if not all(isinstance(v, int | float) and type(v) is not bool for v in both):
             return None
@@ -181,7 +173,6 @@ class Pair(NamedTuple):
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """Both values and their difference, as texts."""
         one, other = format_cell(self.one), format_cell(self.other)
         return one, other, format_cell(self.difference)
 

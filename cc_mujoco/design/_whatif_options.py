@@ -27,12 +27,8 @@ if TYPE_CHECKING:
 else:  # tyro evaluates the annotations below, for which nothing need be loaded
     Metric = Task = Trajectory = Any
 
-Given = str | float | Sequence[object]
-"""A range or values as text, one value, or several."""
-
-Assignments = Mapping[str, Given] | Sequence[str] | None
-"""Values by name, or as texts `NAME=VALUES`."""
-
+Given = str | float | Sequence[object]  # a range or values as text, one, or several
+Assignments = Mapping[str, Given] | Sequence[str] | None  # or texts `NAME=VALUES`
 Texts = tuple[str, ...]
 DEFAULT_CONTROLLERS = ("pi_tuned",)
 """Controllers of a study by default: `pi_tuned`, whose gains follow from each design's

@@ -35,10 +35,8 @@ class CanPlace:
 class CanAddress(CanPlace):
     """Identifiers of a rig's commands and readings on a CAN FD bus."""
 
-    command_id: int = 0x110
-    """Identifier of frames with a command; of 29 bits if above 0x7ff."""
-    reading_id: int = 0x111
-    """Identifier of frames with a reading; of two at once the lower wins."""
+    command_id: int = 0x110  # of frames with a command; of 29 bits if above 0x7ff
+    reading_id: int = 0x111  # of frames with a reading; of two at once the lower wins
 
     def other_end(self) -> CanAddress:
         """Return the rig's own address: the two identifiers exchanged."""
@@ -53,13 +51,10 @@ class DriveAddress:
     place: CanPlace | str  # the CAN bus, or the serial port
     node: int  # number of the drive on it
     joint: Table  # table with the address or class of the rig that measures the joint
-    gear: float = 1.0
-    """Turns of the drive's encoder per turn of the motor in the scene; a negative one
-    reverses its sense [-]."""
+    gear: float = 1.0  # turns of its encoder per turn of the scene's motor, signed [-]
     zero: float = 0.0  # angle of the motor in the scene where that encoder is 0 [rad]
     baud_rate: int = 57_600  # of the serial port [1/s]
-    torque_per_ampere: float = 0.0
-    """Torque of the drive's shaft per current, of those that take a current [N m/A]."""
+    torque_per_ampere: float = 0.0  # at its shaft, if it takes a current [N m/A]
 
 
 Address = UdpAddress | CanAddress | DriveAddress

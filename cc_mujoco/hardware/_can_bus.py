@@ -58,8 +58,7 @@ class CanPort:
     ) -> None:
         """Open the bus unless it is among `buses`, to which it is added; send nothing.
 
-        Frames of `identifiers` are received. They are those of CAN FD if `fd`, else of
-        classical CAN.
+        Frames of `identifiers` are received, of CAN FD if `fd`, else of classical CAN.
         """
         self.ignored: Counter[str] = Counter()
         self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
@@ -234,7 +233,6 @@ class CanLink:
     """Link that carries one packet per CAN FD frame of its identifier."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus unless it is among the open `buses`, as `CanPort` does."""
         self._address = address
         self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
         self.ignored, self.where = self._port.ignored, self._port.where
@@ -249,7 +247,6 @@ class CanLink:
         self._port.send(self._address.command_id, data)
 
     def close(self) -> None:
-        """Close the port; the last port of a bus closes the bus."""
         self._port.close()
 
 

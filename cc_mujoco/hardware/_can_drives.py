@@ -1,21 +1,19 @@
 """Drives on a CAN bus by their makers' protocols: moteus and ODrive.
 
-A moteus controller on CAN FD, by its register protocol.
-
-A frame to `0x8000 | id` writes mode and command and requests position, velocity,
-torque, mode and fault; the reply is from `id << 8`. Torque control is position
-mode with all gains scaled to zero and a feed-forward torque. A command is valid for 50
-ms. Set `servo.max_current_A`, `servo.max_velocity` and `servo.timeout_mode = 0`, which
-removes the torque after that time (12, the default, brakes).
+A moteus controller on CAN FD, by its register protocol: a frame to `0x8000 | id` writes
+mode and command and requests position, velocity, torque, mode and fault; the reply is
+from `id << 8`. Torque control is position mode with all gains scaled to zero and a
+feed-forward torque. A command is valid for 50 ms. Set `servo.max_current_A`,
+`servo.max_velocity` and `servo.timeout_mode = 0`, which removes the torque after that
+time (12, the default, brakes).
 
 Sources: https://mjbots.github.io/moteus, pages "CAN Protocol" (protocol/can), "Register
 Reference" (protocol/registers) and "Control Modes" (guides/control-modes).
 
-An ODrive on CAN, by its protocol CAN Simple: classical CAN, identifiers of 11 bits.
-
-The identifier is `node << 5 | command`; values are little endian, angles in turns. The
-first commands set torque control and clear errors. The motor is enabled once the drive
-was read. Before a run, set on the drive:
+An ODrive by its protocol CAN Simple: classical CAN, identifiers of 11 bits, `node << 5
+| command`; values are little endian, angles in turns. The first commands set torque
+control and clear errors. The motor is enabled once the drive was read. Before a run,
+set on the drive:
 
 - `config.can.encoder_msg_rate_ms` at most the period of the loop (10 ms by default),
 - `config.can.heartbeat_msg_rate_ms` of about 10 (100 by default): a heartbeat

@@ -16,11 +16,7 @@ from cc_mujoco.device._moment_arm import MeasuredWinding
 
 
 def device_of(scene: str | Device, folder: Path) -> Device:
-    """Return the device of a rig.
-
-    `scene` is the name of a built-in scene, a file (`knee.xml`, `knee.device.toml`)
-    relative to `folder`, or the device itself.
-    """
+    """Return the device: a built-in name, a file relative to `folder`, or itself."""
     if isinstance(scene, Device):
         return scene
     place = folder / scene
@@ -50,7 +46,7 @@ def drive_of(
     The delay of its measurements is one period.
 
     Args:
-        scene: Name of a built-in scene, a file, or a device; see `device_of`.
+        scene: Device, see `device_of`.
         folder: Folder that a file is relative to.
         period: Period of the loop [s].
         torque: Limit of the absolute motor torque [N m].
@@ -58,9 +54,6 @@ def drive_of(
         joint_torque: Limit of the joint torque [N m], besides the device's safe one.
         torque_rate: Limit of the motor torque's rate [N m/s].
         motor_lag: Time constant of the motor torque [s]; by default the scene's.
-
-    Raises:
-        CableError: There is no such scene or axis, or the scene is no device.
     """
     device = device_of(scene, folder)
     drive = axis_model(device, axis).drive(device.cables, device.name, period)

@@ -19,13 +19,11 @@ class Limits:
     torque_rate: float  # largest rate of the motor's torque [N m/s]
     motor_speed: float  # [rad/s]
     joint_range: tuple[float, float]  # least and greatest angle [rad]
-    joint_torque: float = math.inf
-    """Largest torque that the transmission puts into the joint, either way [N m]."""
+    joint_torque: float = math.inf  # largest of the transmission, either way [N m]
     tension: float = math.inf
     """Largest tension anywhere in a cable [N], as estimated by the scene's model from
     motor angle and joint torque."""
-    soft_start: float = 1.0
-    """Time over which the controller's torque is faded in [s]."""
+    soft_start: float = 1.0  # time over which the controller's torque is faded in [s]
     stop_time: float = 0.1  # in which the torque goes to zero after a stop [s]
 
     def __post_init__(self) -> None:
@@ -51,11 +49,7 @@ class Limits:
         require_parameter(self, "stop_time", 0.0, 10.0, "s")
 
     def stop_steps(self, period: float) -> int:
-        """Return the number of cycles in which a stop reduces the torque to zero.
-
-        Raises:
-            CableError: The limit of the torque's rate is too low for `stop_time`.
-        """
+        """Return the cycles of a stop's ramp; refuse too short a `stop_time`."""
         steps = max(1, math.floor(self.stop_time / period + 1e-9))
         if self.torque > self.torque_rate * period * steps * (1.0 + 1e-9):
             least = self.torque / self.torque_rate
@@ -76,11 +70,7 @@ class Limiter:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        """Start at zero torque; `period` is the time between two torques [s].
-
-        Raises:
-            CableError: The limit of the torque's rate is too low for `stop_time`.
-        """
+        """Start at zero torque; `period` is the time between two torques [s]."""
         self._limit = limits.torque
         self._max_torque_step = limits.torque_rate * period
         self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0
@@ -91,11 +81,7 @@ class Limiter:
         """True if the limit of the rate kept the last torque from its goal."""
 
     def limited(self, wish: float) -> float:
-        """Return the next torque for the `wish` of the controller, both [N m].
-
-        Raises:
-            CableError: The wish is not finite.
-        """
+        """Return the next torque for the controller's finite `wish` [N m]."""
         if not math.isfinite(wish):
             raise CableError(f"the controller gave {wish!r} N m.")
         self._cycles += 1

@@ -111,25 +111,19 @@ class RunOutcome:
     """Outcome of a run: its reason to end, counts of cycles, histograms of times."""
 
     sentence: str = ""  # why it ended
-    code: int = 0
-    """Exit code: 0 the time was over, 3 a fault, 128 + number a signal."""
+    code: int = 0  # exit code: 0 the time was over, 3 a fault, 128 + number a signal
     cycles: int = 0  # cycles with a torque of the controller
     missed: int = 0  # cycles that were skipped because the host was late
-    limited: int = 0
-    """Number of `cycles` in which a motor was at the limit of its torque."""
+    limited: int = 0  # cycles in which a motor was at the limit of its torque
     rate_limited: int = 0
     """Number of `cycles` in which a torque changed at the limit of its rate and the
     controller, after the soft start, requested more."""
-    without_reading: int = 0
-    """Cycles in which one axis or more had no new reading."""
-    ignored: Counter[str] = field(default_factory=Counter)
-    """Packets that were not used, by reason."""
+    without_reading: int = 0  # cycles in which one axis or more had no new reading
+    ignored: Counter[str] = field(default_factory=Counter)  # unused packets, by reason
     late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings
-    work: TimeHistogram = field(default_factory=TimeHistogram)
-    """Time from the beginning of a cycle until its command was sent."""
+    work: TimeHistogram = field(default_factory=TimeHistogram)  # until a command's end
 
     def to_json(self) -> dict[str, Any]:
-        """Return the outcome as a dictionary for JSON."""
         return {
             "outcome": self.sentence,
             "exit_code": self.code,
@@ -166,8 +160,7 @@ class _AxisState:
         self.watch = Watch(axis.limits, axis.watchdog, axis.drive, missing)
         self.prefix = "" if alone else f"{axis.name}."
         self.fresh: Readings | None = None  # that of this cycle, None if none came
-        self.seen: Readings | None = None
-        """The newest reading; there is one after `Loop._connect`."""
+        self.seen: Readings | None = None  # the newest; there is one after `_connect`
 
     def sentence(self, text: str) -> str:
         return f"axis {self.axis.name}: {text}" if self.prefix else text
@@ -204,9 +197,6 @@ class Loop:
             log: Receiver of the rows.
             stop: Called twice a cycle; returns the reason to end, or None.
             windings: Winding angles of cables without a round pulley.
-
-        Raises:
-            CableError: A limit of the torque's rate is too low for `stop_time`.
         """
         self._law, self._clock, self._log, self._stop = law, clock, log, stop
         self._windings = windings
@@ -483,7 +473,6 @@ class Stops:
         return self._found
 
     def handle_signal(self, number: int, _: FrameType | None = None) -> None:
-        """Note a signal, unless one came before."""
         if self._found is None:
             name = signal.Signals(number).name
             self._found = Ending(f"stopped by {name}.", 128 + number)

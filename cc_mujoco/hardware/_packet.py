@@ -25,12 +25,9 @@ class Status(IntFlag):
     """Status bits of both packets; unknown ones are ignored."""
 
     NONE = 0
-    ENABLED = 1
-    """Torque is to be applied (command), or is applied (reading)."""
-    STOPPED = 2
-    """Run is over (command), or the rig was stopped by hand (reading)."""
-    FAULT = 4
-    """Error that the rig has found of its own (reading)."""
+    ENABLED = 1  # torque is to be applied (command), or is applied (reading)
+    STOPPED = 2  # the run is over (command), or was stopped at the rig (reading)
+    FAULT = 4  # error that the rig has found of its own (reading)
 
 
 class Readings(NamedTuple):

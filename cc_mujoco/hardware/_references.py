@@ -53,11 +53,7 @@ class TorqueTable:
         return float(np.interp(time, self.times, self.torques))
 
     def require_within(self, drive: Drive, limits: Limits) -> None:
-        """Check that the motor can give the torques; call before a rig is connected.
-
-        Raises:
-            CableError: It cannot, even without friction, or a limit would stop the run.
-        """
+        """Refuse torques beyond the motor's, without friction, or beyond a limit."""
         most = float(max(self.torques, key=abs))
         low, high = drive.reach
         if abs(most) > limits.joint_torque:
@@ -136,8 +132,7 @@ def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
     return read
 
 
-APPROACH_TIME = 1.0
-"""Time in which the motor moves to the first angle of its table [s]."""
+APPROACH_TIME = 1.0  # motion to the first angle of a table [s]
 
 
 @dataclass(frozen=True)
@@ -146,8 +141,7 @@ class Stiffness:
 
     stiffness: float  # [N m/rad]
     damping: float  # [N m s/rad]
-    integral: float
-    """Integral gain: rate of the torque per error [N m/(rad s)]."""
+    integral: float  # rate of the torque per error [N m/(rad s)]
 
     def __post_init__(self) -> None:
         require_parameter(self, "stiffness", 1e-9, 1e9, "N m/rad")
@@ -161,9 +155,6 @@ class Stiffness:
         A measurement is a period old, a torque acts for another, and a motor may lag.
         With t the period plus that lag, damping is a quarter of inertia / t, stiffness
         is damping / (6 t), and integral is stiffness / (25 t).
-
-        Raises:
-            CableError: The inertia is not known.
         """
         if not drive.inertia > 0.0:
             raise CableError(

@@ -200,11 +200,6 @@ class UdpRig(PacketRig):
     """Rig behind UDP, which answers the sender of its last command."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet.
-
-        Raises:
-            CableError: The address cannot be resolved.
-        """
         super().__init__(_UdpLink(host, port))
 
 
@@ -281,11 +276,6 @@ class DriveRig:
         return self._drive.ignored + Counter(named)
 
     def read(self) -> Readings | None:
-        """Return a reading of motor and joint; see `Rig`.
-
-        Raises:
-            CableError: A connection is lost for good.
-        """
         try:
             self._motor = self._drive.read() or self._motor
         except OSError:
@@ -304,11 +294,6 @@ class DriveRig:
         return Readings(motor.time, angle, speed, *joint[3:6], status)
 
     def write(self, torque: float) -> None:
-        """Command a torque of the motor [N m]; see `Rig`.
-
-        Raises:
-            CableError: A connection is lost for good.
-        """
         try:
             self._drive.write(torque / self._gear)
         except OSError:
@@ -316,7 +301,6 @@ class DriveRig:
         self._joint.write(0.0)
 
     def close(self) -> None:
-        """Disable the motor and disconnect both; see `Rig`."""
         if self._closed:
             return
         self._closed = True

@@ -66,13 +66,10 @@ def files_of(name: str) -> tuple[str, str]:
 
 
 def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -> None:
-    """Check that a run may be written to a folder; call before a rig is connected.
+    """Refuse a folder that holds the files of a run, which are never replaced.
 
-    `name` is that of the run's files.
-
-    Raises:
-        CableError: The folder cannot be written, has a run's files, as measured data
-            are never replaced, or has unrelated files, unless the run is a trial.
+    Also refuse one with unrelated files, unless the run is a trial. Call it before a
+    rig is connected; `name` is that of the run's files.
     """
     atomic_io.require_writable(folder)
     if _is_empty(Path(folder), name):
@@ -112,13 +109,10 @@ class RunLog:
         name: str = DEFAULT_LOG_NAME,
         axes: Sequence[str] = ("",),
     ) -> None:
-        """Create both files of this name in a folder, which is made if needed.
+        """Create both files of this name in a folder; see `require_free`.
 
         `about` has the settings of the run for JSON, `rows` is the number of rows in a
         block; the name of a device's only axis is empty.
-
-        Raises:
-            CableError: As `require_free`.
         """
         require_free(folder, name)
         rows_file, about_file = files_of(name)
@@ -168,11 +162,7 @@ class RunLog:
             self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """Complete both files, with the outcome of the run for JSON.
-
-        Raises:
-            CableError: The remaining rows or the record cannot be written.
-        """
+        """Complete both files, with the outcome of the run for JSON."""
         try:
             self.flush()
         finally:
@@ -180,11 +170,7 @@ class RunLog:
             self._tell(outcome)
 
     def flush(self) -> None:
-        """Write the remaining rows.
-
-        Raises:
-            CableError: They cannot be written.
-        """
+        """Write the remaining rows."""
         data = "".join(f"{row}\n" for row in self._block).encode()
         self._block.clear()
         if data and not self._disk_is_full:

@@ -65,30 +65,20 @@ class Settings:
     watchdog: Watchdog
     task: Table
     servo: Table
-    motor_lag: float | None = None
-    """Time constant of the motor's torque [s]; None is that of the scene."""
+    motor_lag: float | None = None  # of its torque [s]; None is that of the scene
     axis: str | None = None  # name of the axis; None is the only one of the device
-    named: tuple[str, ...] = ()
-    """Axes that have a table in the file, also those that are not driven."""
+    named: tuple[str, ...] = ()  # axes with a table in the file, driven or not
 
     def address(self) -> Address | None:
         """Return the address of the rig; None for a user's class."""
         return address_of(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
-        """Make the rig that `[rig]` names; it shares the open CAN `buses`.
-
-        Raises:
-            CableError: It cannot be made.
-        """
+        """Make the rig that `[rig]` names; it shares the open CAN `buses`."""
         return connect_rig(self.rig, {} if buses is None else buses)
 
     def drive(self) -> Drive:
-        """Return the drive of the rig's axis, as its controller knows it.
-
-        Raises:
-            CableError: There is no such device or axis.
-        """
+        """Return the drive of the rig's axis, as its controller knows it."""
         return drive_of(
             self.device(),
             self.path.parent,
@@ -101,12 +91,7 @@ class Settings:
         )
 
     def device(self) -> Device:
-        """Return the device that `scene` names.
-
-        Raises:
-            CableError: There is no such device, `axis` names none of its several axes,
-                or `[axes]` lacks one of them or has another.
-        """
+        """Return the device that `scene` names; refuse axes that it lacks or needs."""
         device = device_of(self.scene, self.path.parent)
         names = device.axis_names
         if self.axis is None and len(names) > 1:
@@ -125,22 +110,14 @@ class Settings:
         return device
 
     def firm(self, drive: Drive) -> Stiffness:
-        """Return the gains with which the servo tracks the angles of a trial.
-
-        Raises:
-            CableError: The motor's inertia is unknown, and `[servo]` lacks a gain.
-        """
+        """Return the gains with which the servo tracks the angles of a trial."""
         given = _numbers(self.servo, Stiffness)
         if len(given) < len(dataclasses.fields(Stiffness)):
             given = {**dataclasses.asdict(Stiffness.of(drive)), **given}
         return _construct(Stiffness, self.servo, given)
 
     def desired(self, duration: float) -> references.Desired:
-        """Return the desired torque that `[task]` defines, for a run of `duration` [s].
-
-        Raises:
-            CableError: It cannot be made.
-        """
+        """Return the torque that `[task]` defines, for a run of `duration` [s]."""
         table = self.task
         if (torque := table.number("torque")) is not None:
             return references.constant_course(torque)
@@ -155,11 +132,7 @@ class Settings:
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
-    """Return the settings of a `rig.toml` that drives one axis.
-
-    Raises:
-        CableError: As `read_axes`, or it drives several axes.
-    """
+    """Return the settings of a `rig.toml` that drives one axis; see `read_axes`."""
     first, *others = read_axes(path, allow)
     if others:
         names = ", ".join(str(each.axis) for each in (first, *others))
@@ -175,11 +148,8 @@ def read_axes(
 ) -> tuple[Settings, ...]:
     """Return the settings of every axis that a `rig.toml` drives.
 
-    `allow` has `MODULE:NAME` of user code that the file may name.
-
-    Raises:
-        CableError: The file cannot be read, lacks a key, has an unknown key or an
-            impossible value, or gives two axes the same rig.
+    `allow` has `MODULE:NAME` of user code that the file may name. An error is one
+    sentence on the file, the key and its allowed values.
     """
     user_code.allow(allow)
     path = Path(path)

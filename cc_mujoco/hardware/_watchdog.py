@@ -29,7 +29,7 @@ class TorqueSensor:
     """
 
     def __init__(self, drive: Drive, readings: int, swing: float) -> None:
-        """Prepare the model and compile it, so that no cycle has to wait for that.
+        """Compile the model, so that no cycle has to wait for that.
 
         The sensor counts as dead after `readings` equal values, during which the
         predicted torque has changed by `swing` [N m].
@@ -141,11 +141,7 @@ class Watch:
         """Prepare the checks, and the cable model that they need, for the first cycle.
 
         `unmeasured` are joints that move the cables but that the rig does not measure;
-        by default all but the driven one.
-
-        Raises:
-            CableError: Tension is limited, and the limit is not above the pretension,
-                or a joint that moves the cables is not measured.
+        by default all but the driven one. A limit of tension needs them all measured.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:

@@ -112,10 +112,6 @@ def trajectory(
         centre: Angle about which built-in trajectories move [rad].
         joints: Range [rad] by name of the joints that the wearer moves, the driven one
             first; by default joints are not checked.
-
-    Raises:
-        CableError: If there is no such trajectory, it cannot be read or made, or it
-            does not move the driven joint.
     """
     require_number("centre", centre, -1e3, 1e3, "rad")
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
@@ -155,12 +151,9 @@ class PhaseTorque(Task):
     """Torque as a periodic function of the phase, linear between its samples."""
 
     of_phase = True
-    phases: tuple[float, ...]
-    """Phases of the samples [-], increasing within [0, 1]."""
-    torques: tuple[float, ...]
-    """Torques [N m]."""
-    source: str = field(default="", compare=False, repr=False)
-    """Path of the file, for messages."""
+    phases: tuple[float, ...]  # of the samples [-], increasing within [0, 1]
+    torques: tuple[float, ...]  # [N m]
+    source: str = field(default="", compare=False, repr=False)  # path, for messages
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         found = np.interp(phase, self.phases, self.torques, period=1.0)
@@ -176,12 +169,9 @@ class TimeTorque(Task):
 
     of_phase = True
     of_time = True
-    times: tuple[float, ...]
-    """Times of the samples from the start of the episode [s], increasing."""
-    torques: tuple[float, ...]
-    """Torques [N m]."""
-    source: str = field(default="", compare=False, repr=False)
-    """Path of the file, for messages."""
+    times: tuple[float, ...]  # from the start of the episode [s], increasing
+    torques: tuple[float, ...]  # [N m]
+    source: str = field(default="", compare=False, repr=False)  # path, for messages
 
     @property
     def end(self) -> float:
@@ -297,9 +287,6 @@ def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
             `Path`, or a text with the ending of one, see `read_torque`); `MODULE:NAME`
             of a `Task` or of a function that returns one; or a task.
         joints: Name of the joint that the torque acts on, for a table.
-
-    Raises:
-        CableError: If there is no such task, or it cannot be read or made.
     """
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
         return read_torque(given, joints)

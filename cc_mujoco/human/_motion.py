@@ -34,14 +34,10 @@ from cc_mujoco.native import FloatArray as Array
 class Motion:
     """Motion of a joint, sampled at equal steps; all arrays have shape (n + 1,)."""
 
-    time: Array
-    """Time from the start of the episode [s]."""
-    angle: Array
-    """Joint angle [rad]."""
-    velocity: Array
-    """Time derivative of `angle` [rad/s]."""
-    acceleration: Array
-    """Time derivative of `velocity` [rad/s^2]."""
+    time: Array  # from the start of the episode [s]
+    angle: Array  # of the joint [rad]
+    velocity: Array  # time derivative of `angle` [rad/s]
+    acceleration: Array  # time derivative of `velocity` [rad/s^2]
     phase: Array
     """Fraction of the gait cycle, or of the trajectory's own period, in [0, 1);
     the fraction of the episode where a trajectory has no period."""
@@ -49,8 +45,7 @@ class Motion:
     """Motions of other joints by name: `ankle`, `knee`, `hip` of `walk`. If a device
     drives one of these joints, it follows that motion."""
     measured: Array | None = None
-    """Phase of the measured walk at equal progress of the leg; None if it is
-    `phase`."""
+    """Phase of the measured walk at equal progress of the leg; None: it is `phase`."""
 
     def part(self, first: int, end: int) -> Motion:
         """Return the samples with indices from `first` to `end` - 1."""
@@ -84,11 +79,8 @@ class Trajectory(ABC):
     def sample(self, duration: float, dt: float, rng: np.random.Generator) -> Motion:
         """Return the motion of an episode at the times 0, `dt`, ..., n `dt` [s].
 
-        n is `duration` / `dt`, rounded. `rng` is the source of all random numbers.
-
-        Raises:
-            CableError: If `duration` or `dt` is not a positive finite number, or if
-                `dt` is longer than the episode.
+        n is `duration` / `dt`, rounded; both are positive, and `dt` is no longer than
+        the episode. `rng` is the source of all random numbers.
         """
         steps = _sample_steps(duration, dt)
         time: Array = np.arange(steps + 1, dtype=np.float64) * dt
@@ -154,8 +146,7 @@ def _sample_steps(duration: float, dt: float) -> int:
 class Scripted(Trajectory):
     """Trajectory whose angle stays within plus or minus its amplitude."""
 
-    amplitude: float
-    """Bound on the absolute angle [rad]."""
+    amplitude: float  # bound on the absolute angle [rad]
 
     def __post_init__(self) -> None:
         require_parameter(self, "amplitude", 0.001, 2 * math.pi, "rad")

@@ -179,10 +179,7 @@ class Body:
 
         This wearer's times are its times multiplied by `time`, and moments its moments
         by `moment`. `speed` is that of this wearer [m/s]; by default it is similar to
-        the measured walk.
-
-        Raises:
-            CableError: If no data cover a similar gait.
+        the measured walk. A speed whose similar gait no data cover is refused.
         """
         if speed is None:
             return Pace(MEASURED_SPEED)

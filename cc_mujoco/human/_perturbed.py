@@ -20,9 +20,7 @@ class Disturbed(Trajectory):
     """
 
     base: Trajectory
-    """Trajectory to which the angle is added."""
-    joint: str = ""
-    """Joint to which the angle is added, if the trajectory has several."""
+    joint: str = ""  # to which the angle is added, if the trajectory has several
 
     def __post_init__(self) -> None:
         require_bounds(self)
@@ -55,10 +53,8 @@ class Perturbed(Disturbed):
     acceleration is continuous.
     """
 
-    size: float = bounded(0.1, 0.0, 3.0, "rad")
-    """Largest angle of a bump [rad]."""
-    width: float = bounded(0.2, 0.01, 10.0, "s")
-    """Duration of a bump [s]."""
+    size: float = bounded(0.1, 0.0, 3.0, "rad")  # largest angle of a bump
+    width: float = bounded(0.2, 0.01, 10.0, "s")  # duration of a bump
     pause: float = bounded(0.8, 0.01, 1e3, "s")
     """Mean time from the end of a bump to the next [s]; at least half of it."""
 
@@ -91,12 +87,9 @@ class Tremor(Disturbed):
     tremor", Movement Disorders 13, 1998).
     """
 
-    size: float = bounded(0.02, 0.0, 1.0, "rad")
-    """Amplitude [rad]."""
-    low: float = bounded(4.0, 0.1, 50.0, "Hz")
-    """Least frequency [Hz]."""
-    high: float = 8.0
-    """Greatest frequency [Hz]."""
+    size: float = bounded(0.02, 0.0, 1.0, "rad")  # amplitude
+    low: float = bounded(4.0, 0.1, 50.0, "Hz")  # least frequency
+    high: float = 8.0  # greatest frequency [Hz]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -39,9 +39,7 @@ class Sine(Scripted):
 
     amplitude: float = 0.4
     frequency: float = bounded(0.5, 1e-3, 50.0, "Hz")
-    """Frequency [Hz]."""
-    fade: float = bounded(1.0, 0.01, 1e4, "s")
-    """Time in which the amplitude grows from 0 to its full value [s]."""
+    fade: float = bounded(1.0, 0.01, 1e4, "s")  # growth of the amplitude from 0
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -59,12 +57,9 @@ class Chirp(Scripted):
     """
 
     amplitude: float = 0.3
-    low: float = bounded(0.1, 1e-3, 50.0, "Hz")
-    """Frequency at the start [Hz]."""
-    high: float = bounded(2.0, 1e-3, 50.0, "Hz")
-    """Frequency at the end of the episode [Hz]."""
-    fade: float = bounded(1.0, 0.01, 1e4, "s")
-    """Time in which the amplitude grows from 0 to its full value [s]."""
+    low: float = bounded(0.1, 1e-3, 50.0, "Hz")  # frequency at the start
+    high: float = bounded(2.0, 1e-3, 50.0, "Hz")  # and at the end of the episode
+    fade: float = bounded(1.0, 0.01, 1e4, "s")  # growth of the amplitude from 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,16 +85,11 @@ class Multisine(Scripted):
     """
 
     amplitude: float = 0.4
-    low: float = bounded(0.1, 1e-3, 50.0, "Hz")
-    """Lowest frequency [Hz]."""
-    high: float = bounded(1.5, 1e-3, 50.0, "Hz")
-    """Highest frequency [Hz]."""
+    low: float = bounded(0.1, 1e-3, 50.0, "Hz")  # lowest frequency
+    high: float = bounded(1.5, 1e-3, 50.0, "Hz")  # highest frequency
     period: float = bounded(10.0, 0.01, 1e4, "s")
-    """Period of the signal [s]."""
-    draws: int = bounded(32, 1, 10_000, "sets of phases")
-    """Number of sets of phases that compete [-]."""
-    fade: float = bounded(1.0, 0.01, 1e4, "s")
-    """Time in which the amplitude grows from 0 to its full value [s]."""
+    draws: int = bounded(32, 1, 10_000, "sets of phases")  # that compete
+    fade: float = bounded(1.0, 0.01, 1e4, "s")  # growth of the amplitude from 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -203,10 +193,8 @@ class Loops(Scripted):
     """
 
     amplitude: float = 0.5
-    centre: float = bounded(0.0, -10.0, 10.0, "rad")
-    """Angle about which it swings, and where it begins at rest [rad]."""
+    centre: float = bounded(0.0, -10.0, 10.0, "rad")  # where it begins at rest
     frequency: float = bounded(0.3, 1e-3, 50.0, "Hz")
-    """Frequency [Hz]."""
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -241,10 +229,8 @@ class Sweep(Scripted):
     """
 
     amplitude: float = 0.4
-    move: float = bounded(1.0, 0.01, 1e4, "s")
-    """Duration of a sweep [s]."""
-    hold: float = bounded(0.5, 0.0, 1e4, "s")
-    """Rest at each side [s]."""
+    move: float = bounded(1.0, 0.01, 1e4, "s")  # duration of a sweep
+    hold: float = bounded(0.5, 0.0, 1e4, "s")  # rest at each side
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -267,10 +253,8 @@ class Ramp(Scripted):
     """
 
     amplitude: float = 1.5
-    leg: float = bounded(15.0, 0.01, 1e4, "s")
-    """Time from 0 to the amplitude [s]."""
-    corner: float = 0.1
-    """Duration of each corner [s]; at most half a leg."""
+    leg: float = bounded(15.0, 0.01, 1e4, "s")  # time from 0 to the amplitude
+    corner: float = 0.1  # duration of each corner [s]; at most half a leg
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -295,24 +279,27 @@ class Ramp(Scripted):
 
 
 @dataclass(frozen=True)
-class Reach(Scripted):
+class _RandomMoves(Scripted):
+    """Moves of random durations."""
+
+    amplitude: float = 0.6
+    fastest: float = bounded(0.5, 0.01, 1e4, "s")  # shortest move
+    slowest: float = bounded(1.5, 0.01, 1e4, "s")  # longest move
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_order(self, "fastest", "slowest", "s", or_equal=True)
+
+
+@dataclass(frozen=True)
+class Reach(_RandomMoves):
     """Minimum-jerk reaches to random targets, with a rest at each.
 
     Targets, movement times and rests are uniform in their ranges. Phase: fraction of
     the episode.
     """
 
-    amplitude: float = 0.6
-    fastest: float = bounded(0.5, 0.01, 1e4, "s")
-    """Shortest reach [s]."""
-    slowest: float = bounded(1.5, 0.01, 1e4, "s")
-    """Longest reach [s]."""
-    longest_dwell: float = bounded(0.8, 0.0, 1e4, "s")
-    """Longest rest at a target [s]; the shortest is none."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require_order(self, "fastest", "slowest", "s", or_equal=True)
+    longest_dwell: float = bounded(0.8, 0.0, 1e4, "s")  # at a target; shortest is none
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -325,24 +312,16 @@ class Reach(Scripted):
 
 
 @dataclass(frozen=True)
-class Reversals(Scripted):
+class Reversals(_RandomMoves):
     """Moves of random extent, each in the direction opposite to the last.
 
     Large and small reversals are mixed, so that the slip that each starts reaches
     different depths of the conduit. Phase: fraction of the episode.
     """
 
-    amplitude: float = 0.6
-    fastest: float = bounded(0.3, 0.01, 1e4, "s")
-    """Shortest move [s]."""
-    slowest: float = bounded(1.2, 0.01, 1e4, "s")
-    """Longest move [s]."""
-    smallest: float = bounded(0.05, 0.0, 1.0, "of the amplitude")
-    """Smallest extent of a move, as a fraction of the amplitude [-]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require_order(self, "fastest", "slowest", "s", or_equal=True)
+    fastest: float = bounded(0.3, 0.01, 1e4, "s")  # shortest move
+    slowest: float = bounded(1.2, 0.01, 1e4, "s")  # longest move
+    smallest: float = bounded(0.05, 0.0, 1.0, "of the amplitude")  # extent of a move
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -396,8 +375,7 @@ class Walk(Scripted):
     """Duration of a gait cycle at full cadence [s]."""
     start: float = bounded(1.0, 0.01, 1e4, "s")
     """Time in which the cadence grows from 0 [s]."""
-    speed: float = MEASURED_SPEED
-    """Walking speed [m/s]."""
+    speed: float = MEASURED_SPEED  # [m/s]
     joints: tuple[GaitJoint, ...] = ()
     """Joints of a device that walk; by default one leg's, `ankle`, `knee` and `hip`."""
 
@@ -407,9 +385,6 @@ class Walk(Scripted):
 
         `speed` is that of `body`, see `Body.pace`. The field `speed` of the walk is
         that at which the wearer of the scenes walks similarly.
-
-        Raises:
-            CableError: If no data cover walking at that speed.
         """
         pace = body.pace(speed)
         return cls(period=gait.GAIT_PERIOD * pace.stride * body.time, speed=pace.speed)
@@ -418,9 +393,6 @@ class Walk(Scripted):
         """Return the walk of a device's joints; see `gait_joints`.
 
         `joints` are their ranges [rad] by name, that of the driven joint first.
-
-        Raises:
-            CableError: If a gait does not move the driven joint.
         """
         driven = next(iter(joints))
         found = gait_joints(joints)

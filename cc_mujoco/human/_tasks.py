@@ -65,11 +65,9 @@ def task_torque(
     velocity: NDArray[np.float64],
     phase: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the torque of a task [N m], checked, in the shape of `angle`.
+    """Return the torque of a task [N m] in the shape of `angle`, checked.
 
-    Raises:
-        CableError: The task returns no numbers, another shape, or a number that is
-            not finite at a finite angle and velocity.
+    It must be finite where angle and velocity are.
     """
     name = getattr(task, "name", type(task).__name__)
     given = np.asarray(task.torque(angle, velocity, phase))
@@ -113,12 +111,9 @@ class Tunnel(Task):
     towards the band, up to the limit, which by default is reached at 0.45 rad.
     """
 
-    half_width: float = bounded(0.05, 0.0, 10.0, "rad")
-    """Half the width of the free band [rad]."""
-    stiffness: float = bounded(0.5, 0.0, 1e6, "N m/rad")
-    """Stiffness of the walls [N m/rad]."""
-    limit: float = bounded(0.2, 0.0, 1e6, "N m")
-    """Largest torque [N m]."""
+    half_width: float = bounded(0.05, 0.0, 10.0, "rad")  # half the free band
+    stiffness: float = bounded(0.5, 0.0, 1e6, "N m/rad")  # of the walls
+    limit: float = bounded(0.2, 0.0, 1e6, "N m")  # largest torque
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return tunnel_torque(angle, self.half_width, self.stiffness, self.limit)
@@ -129,7 +124,6 @@ class Spring(Task):
     """A spring to angle 0: torque = -stiffness angle (thesis section 4.3.2)."""
 
     stiffness: float = bounded(1.0, 0.0, 1e6, "N m/rad")
-    """Stiffness [N m/rad]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return spring_torque(angle, self.stiffness)
@@ -155,8 +149,7 @@ class Assist(Task):
     """
 
     of_phase = True
-    peak: float = bounded(30.0, 0.0, 1e6, "N m")
-    """Largest torque [N m]; about a quarter of the biological moment of that walk."""
+    peak: float = bounded(30.0, 0.0, 1e6, "N m")  # a quarter of the biological moment
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return -self.peak * gait.assistance(phase)
@@ -172,12 +165,9 @@ class Swing(Task):
     """
 
     of_phase = True
-    peak: float = bounded(10.0, 0.0, 1e6, "N m")
-    """Largest torque [N m]; about a seventh of the biological moment."""
-    middle: float = bounded(0.58, 0.0, 1.0, "")
-    """Phase of the peak [-]."""
-    half_width: float = bounded(0.18, 0.01, 0.5, "")
-    """Phase from the peak to where the help ends [-]."""
+    peak: float = bounded(10.0, 0.0, 1e6, "N m")  # a seventh of the biological moment
+    middle: float = bounded(0.58, 0.0, 1.0, "")  # phase of the peak
+    half_width: float = bounded(0.18, 0.01, 0.5, "")  # from the peak to its end
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         away = clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
@@ -190,8 +180,7 @@ class Hold(Task):
     """A constant torque, as of a fingertip that presses on something."""
 
     of_phase = True
-    pull: float = bounded(-0.15, -1e6, 1e6, "N m")
-    """Torque [N m]; by default 2.7 N at 55 mm from a knuckle, in extension."""
+    pull: float = bounded(-0.15, -1e6, 1e6, "N m")  # 2.7 N at 55 mm from a knuckle
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return 0.0 * angle + self.pull
@@ -208,9 +197,7 @@ class Impedance(Task):
 
     about_reference = True
     stiffness: float = bounded(1.0, 0.0, 1e6, "N m/rad")
-    """Stiffness [N m/rad]."""
     damping: float = bounded(0.02, 0.0, 1e6, "N m s/rad")
-    """Damping [N m s/rad]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return -self.stiffness * angle - self.damping * velocity
@@ -269,12 +256,9 @@ class Paced(Task):
     """
 
     of_phase = True
-    base: Task
-    """Task that depends on the phase alone, at the speed of the measured walk."""
+    base: Task  # of the phase alone, at the speed of the measured walk
     pace: Pace
-    """The walk."""
-    share: float = 1.0
-    """Torque over that of `base` [-]."""
+    share: float = 1.0  # torque over that of `base` [-]
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         return self.share * self.base.torque(angle, velocity, self.pace.phase(phase))

@@ -41,38 +41,22 @@ MUSCLE_PERIOD = 0.004  # time between two commands to the muscles [s]
 class WalkingPolicy:
     """Parameters of a walking policy; joints are in the order of `WALKING_JOINTS`."""
 
-    stiffness: Array
-    """K of the joints (3,) [N m/rad]."""
-    damping: Array
-    """D of the joints (3,) [N m s/rad]."""
-    angles: Array
-    """Desired angles (3, terms, 2) [rad], see `Harmonics.coefficients`."""
-    torques: Array
-    """Feed-forward torques (3, terms, 2) [N m]."""
-    stride_time: float
-    """Desired duration of a stride [s]."""
-    trunk_stiffness: float
-    """Torque of the hips against the pitch of the trunk [N m/rad]."""
-    trunk_damping: float
-    """Torque of the hips against its rate [N m s/rad]."""
-    trunk_pitch: float
-    """Desired pitch [rad]."""
-    speed: float
-    """Desired speed [m/s]."""
-    speed_gain: float
-    """Additional flexion of the swing hip per speed above the desired one [rad s/m]."""
-    foot_gain: float
-    """Hip angle per position of the hip ahead of the stance ankle [rad/m]."""
-    push_gain: float
-    """Increase of the trailing ankle's feed-forward per lacking speed [s/m]."""
+    stiffness: Array  # K of the joints (3,) [N m/rad]
+    damping: Array  # D of the joints (3,) [N m s/rad]
+    angles: Array  # desired ones (3, terms, 2) [rad], see `Harmonics.coefficients`
+    torques: Array  # fed forward (3, terms, 2) [N m]
+    stride_time: float  # desired duration of a stride [s]
+    trunk_stiffness: float  # torque of the hips against the trunk's pitch [N m/rad]
+    trunk_damping: float  # torque of the hips against its rate [N m s/rad]
+    trunk_pitch: float  # desired pitch [rad]
+    speed: float  # desired speed [m/s]
+    speed_gain: float  # flexion of the swing hip per speed above the desired [rad s/m]
+    foot_gain: float  # hip angle per position of hip ahead of stance ankle [rad/m]
+    push_gain: float  # growth of the trailing ankle's torque per lacking speed [s/m]
 
     @classmethod
     def read(cls, path: str | Path) -> WalkingPolicy:
-        """Read a policy from a safetensors file.
-
-        Raises:
-            CableError: The file cannot be read or is no walking policy.
-        """
+        """Read a policy from a safetensors file."""
         try:
             tensors, _ = safetensors.from_bytes(Path(path).read_bytes())
             numbers: dict[str, Any] = {f.name: tensors[f.name] for f in fields(cls)}

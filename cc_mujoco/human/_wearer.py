@@ -28,20 +28,16 @@ from cc_mujoco.human._pace import Real
 class ActuatorGains(NamedTuple):
     """Parameters of a MuJoCo actuator with affine bias."""
 
-    gain: float
-    """First entry of `gainprm` [N m/rad]."""
-    bias: tuple[float, float, float]
-    """First three entries of `biasprm` [N m, N m/rad, N m s/rad]."""
+    gain: float  # first entry of `gainprm` [N m/rad]
+    bias: tuple[float, float, float]  # of `biasprm` [N m, N m/rad, N m s/rad]
 
 
 @dataclass(frozen=True)
 class Wearer:
     """Limb as a spring and a damper towards a reference motion."""
 
-    stiffness: float
-    """K, above 0 [N m/rad]."""
-    damping: float
-    """D, at least 0 [N m s/rad]."""
+    stiffness: float  # K, above 0 [N m/rad]
+    damping: float  # D, at least 0 [N m s/rad]
 
     def __post_init__(self) -> None:
         require_parameter(self, "stiffness", 1e-6, 1e15, "N m/rad")
@@ -75,9 +71,6 @@ class Wearer:
 
         J is the least `inertia` that the joint moves with [kg m^2], h the `timestep` of
         the simulation [s].
-
-        Raises:
-            CableError: If an argument is outside its range.
         """
         require_number("inertia", inertia, 1e-9, 1e6, "kg m^2")
         require_number("timestep", timestep, 1e-7, 1.0, "s")

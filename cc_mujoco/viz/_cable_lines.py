@@ -27,8 +27,7 @@ from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.viz import _scene3d as scene3d
 
-CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
-"""Parts of a cable that are drawn."""
+CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"  # drawn parts
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -86,11 +85,7 @@ class CableLine:
         return np.interp(self.fine, places, np.arange(len(places)))
 
     def _places(self, count: int) -> Array:
-        """Return the positions of nodes (n,) as fractions of the line's length.
-
-        In the open, where `shares` delimit pieces, a node is at the middle of its
-        piece.
-        """
+        """Return the places of nodes (n,), in the open the middles of their pieces."""
         shares = self.shares
         return shares if shares.size == count else 0.5 * (shares[:-1] + shares[1:])
 
@@ -108,10 +103,7 @@ class CableLine:
 
 
 def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]:
-    """Return the lines to draw, those of a cable one after another.
-
-    Cables that the model lacks or that have no length are left out.
-    """
+    """Return the lines to draw for cables that the model has with a length."""
     sources = {cable: _conduit(model, cable) for cable in instances(model)}
     taken = {source for source in sources.values() if isinstance(source, int)}
     found = []
@@ -165,10 +157,7 @@ def resample(polyline: Array, shares: Array) -> Array:
 
 
 def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
-    """Return RGBA colours (..., 4) of tensions (...) [N], grey where slack.
-
-    Tensions of `highest` [N] and above have the brightest colour.
-    """
+    """Return RGBA colours (..., 4) of tensions [N], brightest at `highest` [N]."""
     import matplotlib
 
     colormap = matplotlib.colormaps["viridis"]
@@ -273,7 +262,7 @@ class Capsules:
     def __init__(
         self, model: mujoco.MjModel, cables: Iterable[str], highest: float
     ) -> None:
-        """Hide the cables' tendons, and colour the other tendons, in the model itself.
+        """Hide the cables' tendons, and colour the others, in the model itself.
 
         Tensions of `highest` [N] and above have the brightest colour.
         """

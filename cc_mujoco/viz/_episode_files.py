@@ -19,16 +19,13 @@ from cc_mujoco.viz._summary import write_summary
 LOG_FILE = "log.parquet"
 _REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
 EPISODE_FILES = (*_REWRITTEN_FILES, LOG_FILE, atomic_io.MANIFEST)
-"""Files that `write_episode` leaves in its folder."""
 EPISODE_METRICS = (
     "rms_torque_error", "torque_lag", "peak_joint_torque", "rms_joint_torque",
     "rms_angle_error", "twist_backlash", "efficiency", "efficiency_motor_drives",
     "efficiency_wearer_drives", "motor_share", "slack_time_{cable}",
     "dissipated_energy_{cable}",
 )  # fmt: skip
-"""Metrics of an episode that is played."""
-VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
-"""Files that it also leaves there on request."""
+VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"  # on request
 
 
 def require_ours(
@@ -78,11 +75,6 @@ def write_episode(
 
     Returns:
         The value of every metric that was written.
-
-    Raises:
-        CableError: If the folder has files by these names that are not an episode's, or
-            cannot be written; if a video cannot be made, see `_video.require_video`; if
-            a page cannot, see `require_page`.
     """
     from cc_mujoco.viz._cable_lines import line_notes
     from cc_mujoco.viz._rerun_file import write_recording
@@ -99,8 +91,7 @@ def write_episode(
         found = {}
         for axis, metric, value in measured:
             if axis:
-                meaning = f"{metric.meaning}, of {axis}"
-                name = f"{axis}.{metric.name}"
+                name, meaning = f"{axis}.{metric.name}", f"{metric.meaning}, of {axis}"
                 metric = dataclasses.replace(metric, name=name, meaning=meaning)
             found[metric] = value
         write_metrics(partial / "metrics.json", found)

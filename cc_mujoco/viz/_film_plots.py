@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 FRAME_RATE = 30  # frames per simulated second [1/s]
 MAX_SAMPLES = 60_000
-"""Most samples that a recording, a page or a figure plots: of a longer episode every
-k-th one, so that they need no more memory for it."""
+"""Most samples that a recording, page or figure plots: else every k-th one."""
 
 
 def frame_slices(count: int, most: int = 1800) -> Iterator[slice]:

@@ -43,9 +43,8 @@ def live(
 ) -> None:
     """Play in a window until it is closed.
 
-    `env` is an environment without random ranges, `name` the first controller as
-    `control.axes_controller` takes it, `seed` that of every reset and of the sensors'
-    noise. `screen` makes the window and is called as `Screen` is.
+    `env` is an environment without random ranges, `name` the first controller, `seed`
+    that of every reset and of the sensors' noise. `screen` is called as `Screen` is.
     """
     inner: Any = env.unwrapped
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)

@@ -24,8 +24,7 @@ from cc_mujoco.cable import Cable
 from cc_mujoco.control import CONTROLLERS
 
 SPACE, ESCAPE, ENTER = 32, 256, 257
-RIGHT, LEFT, DOWN, UP, HOME, END = 262, 263, 264, 265, 268, 269
-"""Keys, as GLFW numbers them; all but space, escape and enter have no other use."""
+RIGHT, LEFT, DOWN, UP, HOME, END = 262, 263, 264, 265, 268, 269  # keys of GLFW
 
 STEP_FACTOR = 1.25  # factor of friction or pretension from one key to the next
 MAX_STEPS = 10  # steps from the scene's value, either way
@@ -150,8 +149,8 @@ class Sliders:
 
     def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:
         """Add actuators for the knobs to `spec`; `own` shows the scene's own too."""
+        # Positions of the sliders of the scene's own actuators, once seen
         self.controls: NDArray[np.float64] | None = None
-        """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs
         self._wanted: tuple[float, ...] | None = None
         self._seen = np.empty(0)
@@ -168,7 +167,6 @@ class Sliders:
             added.ctrlrange = slider.low, slider.high
             added.gainprm[0] = 0.0
         self.model: mujoco.MjModel = spec.compile()
-        """The scene with a slider for each knob in place of its own."""
 
     def write(self, data: mujoco.MjData) -> None:
         """Set the controls of `data` to the knobs that keys have changed."""
@@ -252,8 +250,7 @@ class RealTimePacer:
     ) -> None:
         """Take a monotonic clock `now` [s] and the function that sleeps for [s]."""
         self._now, self._sleep = now, sleep
-        self.factor = math.nan
-        """Ratio of simulated to real time of late; NaN before there is any."""
+        self.factor = math.nan  # simulated over real time of late; NaN at first
 
     def begin(self, time: float) -> None:
         self._time = self._since = time

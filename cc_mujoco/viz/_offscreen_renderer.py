@@ -39,8 +39,7 @@ class Exposure(NamedTuple):
     depth: NDArray[np.float32]  # of these rows [drawn pixels]
 
 
-SUPERSAMPLING = 2
-"""Pixels drawn per pixel of the picture along either side, as `_downsample` assumes."""
+SUPERSAMPLING = 2  # pixels drawn per pixel, along either side; see `_downsample`
 
 
 def require_opengl() -> None:
@@ -88,9 +87,6 @@ class OffscreenRenderer:
             highest: Tension of the brightest colour [N].
             poses: Poses (T, nq) that the picture must show without cropping.
             size: Height and width of the pictures [pixels].
-
-        Raises:
-            CableError: If there is no OpenGL.
         """
         self._model = model = copy.copy(model)
         self._capsules = Capsules(model, cables, highest)

@@ -10,8 +10,7 @@ import rerun.blueprint as rrb
 
 from cc_mujoco.native import FloatArray as Array
 
-LEGEND_SHARE = 0.35
-"""Room for a legend, before the curves, over the time that they take."""
+LEGEND_SHARE = 0.35  # room for a legend, before the curves, over their time
 
 
 def plot(

@@ -43,6 +43,7 @@ from cc_mujoco.viz._film_plots import (
 from cc_mujoco.viz._rerun_plots import ORANGE, PURPLE, SKY, blueprint, plotted_series
 from cc_mujoco.viz._scene3d import WORLD, Branch, log_motion, log_static, log_tendons
 
+# States of an end of a cable, and the colour of each in the timeline
 END_STATES = {
     "stuck": 0x5F5F5FFF,
     "slips to joint": ORANGE,
@@ -50,7 +51,6 @@ END_STATES = {
     "slack": 0xE0E0E0FF,
     "to and fro": PURPLE,
 }
-"""States of an end of a cable, and the colour of each in the timeline."""
 
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:

@@ -25,8 +25,7 @@ class Branch:
     """A Rerun recording and the entity path below which an episode is logged."""
 
     rec: rr.RecordingStream
-    root: str = ""
-    """Path under which all of it lies, escaped; empty for the recording's own root."""
+    root: str = ""  # path under which all of it lies, escaped
 
     def log(self, path: str, what: Any, *, static: bool = False) -> None:
         self.rec.log(self._full_path(path), what, static=static)
@@ -202,8 +201,7 @@ def mesh_arrays(model: mujoco.MjModel, geom: int) -> tuple[Any, Any]:
     return vertices[first : first + count], triangles[face : face + faces]
 
 
-ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])
-"""Colour of a tendon that has none of its own: brown."""
+ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])  # of uncoloured tendons: brown
 
 
 def log_tendons(
@@ -213,10 +211,7 @@ def log_tendons(
     qpos: Array,
     skipped: Collection[int],
 ) -> None:
-    """Log every visible spatial tendon except `skipped` ones, in its own colour.
-
-    It is logged at `time` (T,) [s] in the poses `qpos` (T, nq).
-    """
+    """Log visible spatial tendons but `skipped` ones at `time` (T,), `qpos` (T, nq)."""
     for tendon, rgba in visible_tendons(model, skipped):
         name = _name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
         path = rr.new_entity_path([WORLD, "tendon", name])
@@ -231,14 +226,11 @@ def log_tendons(
 def visible_tendons(
     model: mujoco.MjModel, skipped: Collection[int]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield id and colour (4,) of every drawn spatial tendon except `skipped` ones.
-
-    A tendon without a colour of its own is not drawn in MuJoCo's default grey, because
-    grey means slack here, and a rope from conduit to lever may be taut.
-    """
+    """Yield id and colour (4,) of every drawn spatial tendon except `skipped` ones."""
     for tendon in range(model.ntendon):
         rgba, material = model.tendon_rgba[tendon], model.tendon_matid[tendon]
         plain = is_uncolored(model, tendon)
+        # Not in MuJoCo's default grey, which means slack here.
         rgba = ROPE_COLOR.copy() if plain else own_color(model, rgba, material)
         if tendon not in skipped and is_spatial(model, tendon) and rgba[3] > 0:
             yield tendon, rgba

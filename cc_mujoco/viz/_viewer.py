@@ -43,10 +43,7 @@ class Frame(NamedTuple):
 
 
 def require_screen(what: str = "--live") -> None:
-    """Raise `CableError` if a `Screen` cannot be opened, before long work.
-
-    `what` is the command or option that needs it, for the message.
-    """
+    """Raise `CableError` if a `Screen`, which `what` needs, cannot be opened."""
     displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
     if sys.platform == "linux" and not any(displays):
         raise CableError(
@@ -168,7 +165,6 @@ class Screen:
 
     @property
     def highest(self) -> float:
-        """Tension of the brightest colour [N]."""
         return self._capsules.highest
 
     def show(self, frame: Frame) -> None:

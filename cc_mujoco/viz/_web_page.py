@@ -162,11 +162,10 @@ class TriangleMesh(NamedTuple):
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
-    """Return the triangles of a geom in its own frame.
+    """Return the triangles of a geom in its own frame; of a field its bounding box.
 
-    Height fields and signed distance fields are drawn as bounding boxes. `reach` [m] is
-    the size of the visible scene: planes are cut to twice that, and round shapes that
-    are small beside it have fewer sides.
+    `reach` [m] is the size of the visible scene: planes are cut to twice that, and
+    round shapes that are small beside it have fewer sides.
     """
     shape = mujoco.mjtGeom
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]

@@ -96,8 +96,8 @@ class LinearQuadraticGaussian(_KnownMotor):
     """
 
     stepped = SteppedLaw(laws.step_gaussian, fixed=_KnownMotor.fixed)
-    # Free numbers likewise: weight of the motor's torque, that with one cable; random
-    # walks in a second, over the greatest torque.
+    # Free numbers, tuned likewise: weights of the motor's torque, of cables that pull
+    # both ways and of a single one; random walks in a second, over the greatest torque.
     effort, single_effort, load_walk, lack_walk = 1.0, 0.4, 0.2, 0.5
 
     def __init__(self, drive: Drive) -> None:
@@ -122,7 +122,7 @@ class LinearQuadraticGaussian(_KnownMotor):
 
 
 def _design(law: LinearQuadraticGaussian, rigidity: float) -> tuple[Design, float]:
-    """Return model and gains for a joint stiffness [N m/rad], and the gain `slip`."""
+    """Return the `Design` for a joint stiffness [N m/rad], and `GaussianGains.slip`."""
     from scipy.linalg import expm, solve_discrete_are
 
     drive = law.drive

@@ -45,16 +45,16 @@ PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 compliance as in `set_stiffness` [m/N], pretension [N]."""
 
 _MAX_OVERRATED = 0.25
-"""Share of a cable's largest tension by which a linear spring may overrate it: half of
-the way from a torque of 0 to the safe one at which the guard lets go."""
+"""Error of a linear spring's tension, over the largest one, above which is a warning:
+half of that at which the guard would release a joint without torque."""
 
 
 class CableModel:
     """Cables driven by motor angle and joint torque, in every environment.
 
     Attributes:
-        cables: parameters and arms.
-        state: (rows, cables, numbers), as the kernel has it.
+        cables: parameters and arms, as `stepper` has them.
+        state: states of the cables, as the kernel has them (rows, cables, numbers).
         joint: estimated angle of the joint since the start (rows,) [rad].
         slip_direction: direction in which a cable last slipped as a whole, (rows,
             cables): 1 towards the joint, -1 towards the motor, 0 never.
@@ -113,7 +113,7 @@ class CableModel:
         return np.asarray(np.maximum(self.state[:, cable, first : first + n + 1], 0.0))
 
     def slip(self, cable: int) -> NDArray[np.int8]:
-        """Return the slip directions of the last step (rows, segments)."""
+        """Return each segment's slip in the last step, 1, -1 or 0 (rows, segments)."""
         n = int(self.cables.n[cable])
         first = kernel.STATE_HEADER + n + 1
         return np.sign(self.state[:, cable, first : first + n]).astype(np.int8)
@@ -242,7 +242,7 @@ def soft_compliance(prm: FloatArray, n: int, tension: float) -> float:
 
 @internal
 def _rigidity(cables: stepper.Cables, k: int, largest: float) -> float:
-    """Return the part of cable `k` in `set_stiffness` [N m/rad]."""
+    """Return the joint stiffness by cable `k` at a torque `largest` [N m/rad]."""
     prm, arm = cables.prm[k], cables.distal[k]
     soft = soft_compliance(prm, cables.n[k], largest / abs(arm))
     if soft == 0.0:
@@ -252,7 +252,7 @@ def _rigidity(cables: stepper.Cables, k: int, largest: float) -> float:
 
 @compiled
 def set_stiffness(cables: stepper.Cables, largest: float, spring: FloatArray) -> None:
-    """Set the stiffness of packed cables as one spring, and ends that harden or lose.
+    """Set stiffness, and ends that harden or lose work, of packed cables as a `spring`.
 
     The stiffness is that of a linear spring that stretches as the cables do at the
     `largest` torque [N m]. Cables that turn the joint together have the mean stretch,

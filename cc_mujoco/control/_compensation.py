@@ -67,9 +67,10 @@ def _slip(model: Model, k: int, sense: float, joint_velocity: float) -> _Slip:
 def _friction(slip: _Slip, j: int, ends: float) -> tuple[float, float, float]:
     """Return growth of tension, drag [N] and growth while it sticks, of segment j.
 
-    The distal end of the segment is `ends` from the proximal end [m]. Every law of
-    friction acts as in a step of the kernel, except for bristles, which count as fully
-    bent. Viscous drag helps if the cable still moves the other way.
+    Growth is the ratio of the tensions at its ends. The distal end is `ends` from the
+    proximal end [m]. Every law of friction acts as in a step of the kernel, except for
+    bristles, which count as fully bent. Viscous drag helps if the cable still moves the
+    other way.
     """
     prm, n, state, sense, speed = slip
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
@@ -108,7 +109,7 @@ def has_drag(prm: FloatArray) -> bool:
 
 @internal
 def _starts_at_present(cables: Cables) -> bool:
-    """Return whether a stretch at rest follows not from stiffness and pretension."""
+    """Return whether stretch at rest differs from pretension over initial stiffness."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
         if nodes.is_curved(prm) or loses_stretch(prm) or not eccentric.is_round(prm):
@@ -118,10 +119,10 @@ def _starts_at_present(cables: Cables) -> bool:
 
 @internal
 def _stretches(slip: _Slip, present: bool) -> tuple[float, float, float]:
-    """Return stretches at the start [m], per distal tension [m/N], and at none [m].
+    """Return the initial stretch of a cable [m], and two numbers of it while it slips.
 
-    The second and third are those of the slipping cable; the third is that of its drag.
-    The start is the pretension, or the `present` state, with its compliance.
+    They are its stretch per distal tension [m/N], and that by drag at no distal tension
+    [m]. Initial means at pretension, or, if `present`, the state and compliance now.
     """
     prm, n, state, sense, _ = slip
     length = at.contact_length(prm, n)
@@ -153,8 +154,8 @@ def _shared_tensions(
     """Compute the distal tensions of all cables [N] that make a joint torque.
 
     They are written to row 0 of the model's scratch; row 2 is not changed. `direction`
-    is the sense of slip of each cable, `joint_velocity` the velocity that the cables
-    follow [rad/s], and `desired` the torque [N m].
+    is the sense of slip of each cable, `joint_velocity` that of the joint [rad/s], and
+    `desired` the torque [N m].
     """
     n, distal, scratch = model.cables.n, model.cables.distal, model.scratch
     share, taut = scratch[0], scratch[1]

@@ -39,7 +39,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
 WOUND = dict(zip(LAW_INPUTS[2:4], WINDING_COLUMNS[:2], strict=True))
-"""Columns of the motion of a round pulley on which the cables wind, by law input."""
+"""Columns of the motion of a round pulley on which the cables wind, each by the law
+input that it replaces."""
 
 STEPS = (
     law_steps.step_forward, law_steps.step_proportional_integral, law_steps.step_tuned,
@@ -89,7 +90,7 @@ class Controller(ABC):
         """
 
     def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
-        """Accept the torque that the motor got instead of the last one [N m].
+        """Take note of the torque that the motor got instead of the command [N m].
 
         With several axes it is that of every motor, (axes,). A torque that is no number
         or beyond `guard.MAX_READING` is ignored.
@@ -97,11 +98,6 @@ class Controller(ABC):
         A host calls this if its limits (of rate, a soft start) are not those of the
         drive. Otherwise a model would continue from the wrong torque.
         """
-
-    def limited(self, torque: Any) -> Any:
-        """Return a torque clipped to the limits of the motor [N m]."""
-        within = limit_torques(torque, (self.drive,))
-        return within if isinstance(within, np.ndarray) else float(within)
 
 
 def total_delay(drive: Drive) -> float:
@@ -241,7 +237,7 @@ class LawTables(NamedTuple):
     shape: tuple[int, ...]  # whole numbers, see `_law_steps`
     numbers: tuple[float, ...]  # real numbers that no parameter changes
     size: int  # how many numbers the memory has
-    given: tuple[int, ...] = ()  # places of the last torque; the last is the guard's
+    given: tuple[int, ...] = ()  # places of the last command; the last is the guard's
     states: int = 0  # place of the states of the cables, of a law with a model
 
 
@@ -259,12 +255,12 @@ class SteppedLaw:
     store_parameters: Callable[..., Any] = law_steps.store_limits
     has_model: bool = False
     unread: frozenset[str] = frozenset()  # gains that it does not read
-    fixed: frozenset[str] = frozenset()  # gains that what it was made with depends on
+    fixed: frozenset[str] = frozenset()  # gains that its `LawTables` follow from
     gains: tuple[Parameter, ...] = LIMITS
     seen: tuple[str, ...] = LAW_INPUTS  # readings that it uses
     needs_slope: bool = False  # cables must have terms that `_tension_slope` supports
     is_round: bool = True  # True if it reads torques as of a round pulley
-    unguarded: frozenset[str] = frozenset()  # readings at which its guard does not look
+    unguarded: frozenset[str] = frozenset()  # readings that its guard does not check
     is_policy: bool = False  # True if it reads columns of an observation as they are
 
     @property
@@ -297,9 +293,9 @@ class SteppedController(Controller):
         self._memory: FloatArray = np.zeros((0, 0))
 
     @property
-    def gains(self) -> Any:
-        """Present gains, with an attribute for each of `SteppedLaw.gains`."""
-        return self.limits
+    def gains(self) -> dict[str, float]:
+        """Present value of each of `SteppedLaw.gains`, by name."""
+        return self.limits._asdict()
 
     @abstractmethod
     def law_tables(self) -> LawTables:
@@ -308,7 +304,7 @@ class SteppedController(Controller):
     def parameters(self) -> list[float]:
         """Return the parameters, in order; see `_law_steps`."""
         present = self.gains
-        found = [float(getattr(present, gain.name)) for gain in self.stepped.gains]
+        found = [float(present[gain.name]) for gain in self.stepped.gains]
         for one in self.drive.cables if self.stepped.has_model else ():
             found += one.proximal, one.distal, *one.cable.scalars
             found += chain(*one.cable.conduit)

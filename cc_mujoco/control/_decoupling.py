@@ -59,10 +59,10 @@ class Coupled(NamedTuple):
     unit: FloatArray  # scratch (axes,): scales of its columns
     wanted: FloatArray  # right side of the normal equations
     used: FloatArray  # 1 where an unknown is active, else 0
-    left: FloatArray
-    motor: FloatArray
-    aim: FloatArray
-    total: FloatArray
+    left: FloatArray  # scaled joint torques beyond those of the least motor torques
+    motor: FloatArray  # motor torques
+    aim: FloatArray  # desired torque of each joint
+    total: FloatArray  # measured torque of each joint
 
 
 @internal

@@ -32,14 +32,14 @@ from cc_mujoco.control._controller import (
     readings,
     total_delay,
 )
-from cc_mujoco.control._law_steps import FEEDBACK, LAW_INPUTS, FeedbackGains
+from cc_mujoco.control._law_steps import FEEDBACK, LAW_INPUTS
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
-"""Share of the largest stable damping and proportional gain that is used."""
+"""Used share of the damping and of the proportional gain at the edge of stability."""
 
 
 class FeedForward(SteppedController):
@@ -92,6 +92,7 @@ class ProportionalIntegral(SteppedController):
         gains=FEEDBACK,
         is_round=False,
     )
+    preview, tolerance = 0.02, 0.0  # read by `StictionCompensation` alone
 
     def __init__(
         self,
@@ -120,15 +121,12 @@ class ProportionalIntegral(SteppedController):
         only while the guard releases the joint."""
 
     @property
-    def gains(self) -> FeedbackGains:
-        """Present gains of the law, with limits and spring."""
-        return FeedbackGains(
-            **self.limits._asdict(),
-            feed_forward=float(self.feed_forward),
-            proportional=self.proportional,
-            integral=self.integral,
-            settling=self.settling,
-            **dict(zip(law_steps.SPRING_GAINS, self.spring.tolist(), strict=True)),
+    def gains(self) -> dict[str, float]:
+        found = self.limits._asdict() | {"feed_forward": float(self.feed_forward)}
+        names = "proportional", "integral", "settling", "preview", "tolerance"
+        found |= {name: getattr(self, name) for name in names}
+        return found | dict(
+            zip(law_steps.SPRING_GAINS, self.spring.tolist(), strict=True)
         )
 
     def law_tables(self) -> LawTables:
@@ -152,16 +150,17 @@ class ProportionalIntegral(SteppedController):
     def memory(self, rows: int) -> FloatArray:
         """Return the memory of every environment, with the present gains."""
         found = super().memory(rows)
-        found[:, law_steps.GAINS : law_steps.CABLES] = list(vars(self.gains).values())
+        found[:, law_steps.GAINS : law_steps.CABLES] = list(self.gains.values())
         return found
 
 
 def stable_settling_time(
     drive: Drive, spring: FloatArray, settling: float = guard.RELEASE_TIME
 ) -> float:
-    """Return a stable time in which a damped motor settles [s], near `settling`.
+    """Return the time in which a damped motor settles [s]: `settling` if it is stable.
 
-    `spring` has the numbers of all cables at the joint, see `guard.STIFFNESS`.
+    Otherwise it is shorter, or 0 for no damper. `spring` is all cables at the joint,
+    see `guard.STIFFNESS`.
     """
     stiffness = float(spring[guard.STIFFNESS])
     if not (drive.inertia > 0.0 and stiffness > 0.0):

@@ -61,100 +61,79 @@ over the one at the edge of stability with its delay.
 
 
 _HALVINGS = 60
-"""Halvings of an interval of stretch until its torque is known to rounding."""
+"""Halvings that locate a stretch to rounding."""
 
 
 class _Thresholds(NamedTuple):
-    """Limits of normal operation; a comment is on the numbers below it."""
+    """Limits of normal operation; a `share` of a torque is of the safe torque."""
 
-    # share of the way from the planned to the safe torque beyond which the joint is let
-    # go, and down to which it stays so; likewise of the safe speed and power, from 1
+    # Way from the planned to the safe torque beyond which a joint is released, and down
+    # to which it stays so
     release_share: float = 0.5
     recovery_share: float = 0.25
-    # such a share up to which a motor may swing on its cables before an answer
-    swing_share: float = 0.7
-    # factor on the release share for predicted torque, relative to measured torque
-    predicted_factor: float = 2.0
-    # largest command over that which holds the safe torque against friction
-    command_margin: float = 1.25
-    # step of a reading in a sample, as a share of the safe torque that it stands for,
-    # from which it is a spike or a jump
-    jump_share: float = 0.25
+    swing_share: float = 0.7  # such a way up to which a motor may swing on its cables
+    predicted_factor: float = 2.0  # on such ways, for a torque that includes an impact
+    command_margin: float = 1.25  # largest command over that of the safe torque
+    jump_share: float = 0.25  # torque that the step of a spike stands for
     # periods of motion by which an angle may be ahead after lost readings
     jump_periods: float = 10.0
-    # equal readings of the motor's angle from which its speed is that of the torque
-    still_samples: float = 5
-    # share of a new value in the filtered rate of the measured torque
-    rate_filter: float = 0.2
-    # samples after a spike of an encoder in which velocities from it are not read
-    quiet_samples: float = 10
-    # equal readings from which a sensor may be frozen, and relative change of a torque
-    # that is none: it is divided by the arm of a lever
-    frozen_samples: float = 20
+    still_samples: float = 5  # equal motor angles, then the torque tells its speed
+    rate_filter: float = 0.2  # weight of a new rate of the measured torque
+    quiet_samples: float = 10  # without new velocities after a spike of an encoder
+    frozen_samples: float = 20  # equal readings from which a sensor may be frozen
+    # relative change of a torque that is none: it is divided by the arm of a lever
     equal_share: float = 2e-3
-    # stiffness over the believed one, and its inverse, that cables may have
-    stretch_factor: float = 3.0
-    # time, more than readings may be late, and periods, for which a motor may stand
-    # still in all under a command above a share of what the safe torque needs, beyond
-    # the measured torque against such a multiple of the believed friction
+    stretch_factor: float = 3.0  # stiffness over the believed one, or its inverse
+    # Time [s] and periods for which a motor may stand still in all at a command above
+    # `push_share` plus the measured torque against this multiple of believed friction;
+    # a larger command counts up to `push_rate` times.
     push_time: float = 0.02
     push_periods: float = 6.0
     push_share: float = 0.3
     push_friction: float = 3.0
-    # most by which that time is shorter where the command is far above
     push_rate: float = 2.0
-    # difference between the torques of sensor and stretch that is a fault: share of the
-    # safe torque, plus share of the larger one, for so long [s]
+    # Gap between sensor and stretch torque that is a fault after `gap_time` [s]: a
+    # share, or less where the motor agrees with the stretch, plus a factor of the
+    # larger torque, plus standard deviations of the usual gap. If the motor's torque is
+    # far beyond the sensor's, the time counts up to `gap_rate` times.
     gap_share: float = 0.25
+    denied_share: float = 0.15
     gap_factor: float = 0.4
+    gap_sigmas: float = 3.0
     gap_time: float = 0.05
-    # time for which a torque may be beyond the safe one while the joint is let go, as
-    # by an unstable controller [s], and time over which it is forgotten [s]
+    gap_rate: float = 5.0
+    # time beyond the safe torque after which the motor stops, as an unstable controller
+    # causes, and time over which that is forgotten [s]
     unsafe_time: float = 0.02
     unsafe_memory: float = 1.0
-    # power of the stretch, over that from which a gain is learned, that proves a gain,
-    # and share of the largest proven gain below which it has fallen, as that of a
-    # sensor
+    # power of the stretch torque over that from which a gain is learned, that proves a
+    # gain; share of the largest proven one below which a gain has fallen
     proof: float = 5.0
     fallen_share: float = 0.85
-    # usual deviations of the torque from that of the stretch that are added to it where
-    # the stretch alone says so
-    gap_sigmas: float = 3.0
-    # most by which that time is shorter where the motor is far beyond the sensor
-    gap_rate: float = 5.0
-    # times over which the torque of the motor is filtered and its greatest is forgotten
-    # [s], and difference to what the measured torque explains, as a share of the safe
-    # torque
+    # times over which the motor's torque is filtered and its peak forgotten [s], and
+    # least difference to what the sensor and friction explain
     motor_time: float = 0.02
     hold_time: float = 0.1
     motor_share: float = 0.1
-    # share of the safe torque in such a difference where the motor agrees with the
-    # stretch
-    denied_share: float = 0.15
-    # friction coefficient times wrap that a motor may meet: multiple of the believed
-    # one, and what is added
+    # friction coefficient times wrap that a motor may meet: factor on the believed one,
+    # and addition
     friction_factor: float = 2.0
     more_friction: float = 0.3
-    # times over which means are taken, and over which the stretch is learned [s]
-    mean_time: float = 0.5
-    learn_time: float = 5.0
-    # change of a torque, as a share of the safe one, and its time, from which it is
-    # known whether the stretch explains the torque [s]
+    mean_time: float = 0.5  # time over which means are taken [s]
+    learn_time: float = 5.0  # time over which the gain of the stretch is learned [s]
+    # change of a torque, and its time [s], from which the gain is learned
     known_share: float = 0.1
     known_time: float = 0.1
-    # least and greatest gain with which the torque of the stretch is used
-    least_gain: float = 0.7
+    least_gain: float = 0.7  # bounds of the gain
     most_gain: float = 2.0
-    # greatest power of the difference between both torques, over the sum of their
-    # powers, with which the stretch explains the torque, and with which its word alone
-    # is a stop
+    # mean square of the difference between sensor and stretch torque over the sum of
+    # theirs: largest one with which the stretch releases a joint, and stops the motor
     max_misfit: float = 0.2
     max_doubt: float = 0.1
-    # time for which the motor has explained the torque, from which its word alone is a
-    # stop where the stretch explains nothing [s]
+    # time for which the motor has explained the sensor, from which it alone can stop
+    # where the stretch explains nothing [s]
     agreed_time: float = 0.2
-    # share of the safe torque below which sensor and command both say that a single
-    # cable is slack, for so long [s]
+    # torque of sensor and command below which a single cable is slack after a time [s]
     slack_share: float = 0.1
     slack_time: float = 0.05
 
@@ -168,10 +147,10 @@ until a reset, as an angle is not measured.
 """
 
 STIFFNESS, REST, FRICTION, TAUT, SOFT, HARDENING, LOSS, SPRING_SIZE = range(8)
-"""Numbers of a spring: stiffness of all cables at the joint [N m/rad], torque there of
-the pretension of all [N m], friction coefficient times wrap; for ends that harden or
-lose work (else 0) compliance of the rest and, at no torque, of these [rad/(N m)], their
-hardening [1/(N m)] and loss, as in `cable._elasticity`; their number."""
+"""All cables as a spring at the joint: stiffness [N m/rad], sum of their torques at
+pretension [N m], largest friction coefficient times wrap. Then, 0 unless ends harden or
+lose work: compliance without these ends, that of these ends at no torque [rad/(N m)],
+their hardening [1/(N m)] and loss, as in `cable._elasticity`. The last is the size."""
 
 MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
 """Indices of readings, angles [rad], velocities [rad/s], torques [N m]; their count."""
@@ -182,12 +161,12 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
     COMMAND,  # last command [N m]
     _REFERENCE, _PREDICTED,  # stretch at rest [rad]; torque of the stretch [N m]
     _GAIN, _MISFIT,  # gain from sensor to stretch torque; misfit with that gain
-    _MEAN, _MEAN_PREDICTED, _GAP,  # means of both; time of a gap between [s]
+    _MEAN, _MEAN_PREDICTED, _GAP,  # means of sensor and stretch; time of a gap [s]
     _RUSH,  # low-passed rate of the measured torque [N m/s]
     _SLACK, _PUSH,  # times [s]: no sign of a pull; motor pushed but at rest
     _GIVEN,  # low-passed motor torque at the joint without friction [N m]
-    _POWER, _BOTH, _SENSED,  # powers about the means: stretch, both, sensor
-    _AGREED, _MOST,  # time the motor explained the torque [s]; its recent peak
+    _POWER, _BOTH, _SENSED,  # sums of stretch^2, stretch sensor, sensor^2 about means
+    _AGREED, _MOST,  # time the motor explained the sensor [s]; recent peak of `_GIVEN`
     _TAKEN, _TAKEN_PREDICTED,  # sensor and stretch torque, low-passed as `_GIVEN`
     _LEARNT, _UNSAFE,  # times [s]: stretch learned; torque unsafe lately
     _PROVEN,  # largest proven gain
@@ -196,7 +175,7 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
 ) = range(29)  # fmt: skip
 (
     _JUMPED, _EQUAL,  # by reading: last one a spike; number of equal ones
-    _AT, _AT_PREDICTED,  # by reading: both torques when it last changed [N m]
+    _AT, _AT_PREDICTED,  # by reading: sensor and stretch torque at its last change
     SEEN,  # scratch for readings
     MEMORY_SIZE,
 ) = range(_GOOD + READINGS, _GOOD + 7 * READINGS, READINGS)  # fmt: skip
@@ -213,17 +192,17 @@ class DriveLimits(NamedTuple):
     one_way: float  # 1 where the cables only pull one way, else 0
     inertia: float  # of the motor [kg m^2]
     safe_torque: float  # most that the cables may put into the joint [N m]
-    safe_speed: float  # speed of the joint beyond which it is let go [rad/s]
-    safe_power: float  # power into the joint beyond which it is let go [W]
-    answer_time: float  # time from a torque at the joint to the motor's answer [s]
-    shared: float  # 1 where other motors turn the joint, too, and are measured there
+    safe_speed: float  # speed of the joint above which the motor brakes [rad/s]
+    safe_power: float  # power into the joint above which the motor brakes [W]
+    answer_time: float  # time from a torque at the joint to the motor's reaction [s]
+    shared: float  # 1 where the joint's sensor measures other motors' cables, too
 
 
 class Guarded(NamedTuple):
     """Gains, spring and memory of the guard of one drive."""
 
     gains: FloatArray  # `DriveLimits` first
-    spring: FloatArray  # see `STIFFNESS`; a stiffness of 0 is not known
+    spring: FloatArray  # all cables, see `STIFFNESS`, which is 0 if unknown
     memory: FloatArray  # (`MEMORY_SIZE`,), 0 at the start
 
 
@@ -255,7 +234,7 @@ def limited(gains: FloatArray, torque: float) -> float:
 
 @internal
 def _exceeds(torque: float, planned: float, safe: float, share: float) -> bool:
-    """Return whether a torque is past `share` of the way from planned to safe [N m]."""
+    """Return whether a torque is beyond a `share` of the way from planned to safe."""
     aim = min(max(planned * np.sign(torque), 0.0), safe)
     return bool(abs(torque) > aim + share * (safe - aim))
 
@@ -271,13 +250,10 @@ def release_state(
     the desired torque and `safe` the largest safe one [N m].
     """
     share = _SET.release_share if before == 0.0 else _SET.recovery_share
-    if _exceeds(measured, planned, safe, share):
-        return 1.0
-    return (
-        1.0
-        if _exceeds(measured + rushing, planned, safe, _SET.predicted_factor * share)
-        else 0.0
-    )
+    more = _SET.predicted_factor * share
+    is_beyond = _exceeds(measured, planned, safe, share)
+    is_beyond = is_beyond or _exceeds(measured + rushing, planned, safe, more)
+    return 1.0 if is_beyond else 0.0
 
 
 @compiled
@@ -293,14 +269,12 @@ def impact_torque(
 
 
 @internal
-def _least_share(friction: float) -> float:
-    """Return joint tension over mean tension of a cable that slips to the joint."""
-    return float(friction / np.expm1(friction)) if friction > 1e-6 else 1.0
-
-
-@internal
 def _side(spring: FloatArray, sides: float, held: float) -> elastic.Piece:
-    """Return the cables of one of `sides` as a piece at the joint, by torque [N m]."""
+    """Return the cables that turn the joint one way as a piece: angle over torque.
+
+    `sides` is the number of ways in which cables turn it, 1 or 2, `held` T_held of
+    their ends that harden [N m].
+    """
     return elastic.Piece(
         sides * spring[TAUT], 0.0, 1.0, 0.0, 1.0, sides * spring[SOFT],
         sides * spring[HARDENING], elastic.returned_share(spring[LOSS]), held,
@@ -309,7 +283,7 @@ def _side(spring: FloatArray, sides: float, held: float) -> elastic.Piece:
 
 @internal
 def _rest_stretch(spring: FloatArray, sides: float) -> float:
-    """Return the stretch of the cables of one of `sides` by pretension [rad]."""
+    """Return the stretch of the cables of a `_side` at pretension [rad]."""
     rest = spring[REST] / sides
     return float(elastic.stretch_of(_side(spring, sides, rest), rest))
 
@@ -318,9 +292,10 @@ def _rest_stretch(spring: FloatArray, sides: float) -> float:
 def _pull(
     spring: FloatArray, sides: float, stretch: float, held: FloatArray, side: int
 ) -> float:
-    """Return the torque of the cables of one of `sides` without friction [N m].
+    """Return the torque of the cables of a `_side` without friction [N m].
 
-    `held` has T_held of ends that harden of every side [N m] and is updated.
+    `stretch` is from that at pretension [rad]; `held` (2,) has T_held of each side's
+    ends that harden [N m], and its number `side` is updated.
     """
     if spring[SOFT] == 0.0:
         rest = spring[REST] / sides
@@ -336,14 +311,16 @@ def _pull(
 def spring_edges(
     spring: FloatArray, one_way: bool, stretch: float, held: FloatArray
 ) -> tuple[float, float]:
-    """Return the least and the greatest torque of stretched cables [N m].
+    """Return the least and the greatest torque that cables with friction make [N m].
 
     With `one_way` the cables only pull, towards a positive torque. `stretch` is the
     motor angle over the ratio, less the joint angle and the value at rest [rad]. `held`
     (2,) is T_held of ends that harden [N m], forwards and back, and is updated.
     """
-    low = _least_share(spring[FRICTION])
-    high = low * np.exp(spring[FRICTION])
+    friction = spring[FRICTION]
+    # Joint tension over mean tension of a cable that slips towards the joint.
+    low = float(friction / np.expm1(friction)) if friction > 1e-6 else 1.0
+    high = low * np.exp(friction)
     one = _pull(spring, 1.0 if one_way else 2.0, stretch, held, 0)
     other = 0.0 if one_way else _pull(spring, 2.0, -stretch, held, 1)
     return low * one - high * other, high * one - low * other
@@ -353,9 +330,9 @@ def spring_edges(
 def _stretch_at(
     spring: FloatArray, one_way: bool, torque: float, held: FloatArray
 ) -> float:
-    """Return the stretch from rest of cables brought to a torque, >= 0 if `one_way`.
+    """Return the stretch from rest [rad] at which cables make a torque [N m].
 
-    `held` is that of ends that harden before, and is updated; see `spring_edges`.
+    The torque is >= 0 if `one_way`; see `spring_edges` for `held`, which is updated.
     """
     if spring[SOFT] == 0.0:
         more = torque - spring[REST] if one_way else torque
@@ -610,7 +587,7 @@ def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float
 
 @internal
 def _explains(memory: FloatArray, most: float) -> bool:
-    """Return whether the stretch torque is known to fit the sensor, up to a misfit."""
+    """Return whether the stretch torque fits the sensor with a misfit below `most`."""
     return bool(0.0 <= memory[_MISFIT] < most)
 
 
@@ -714,9 +691,8 @@ def admit(own: Guarded, seen: FloatArray) -> None:
         _predict(own, moved)
         share = min(limits.period / _SET.motor_time, 1.0)
         memory[_TAKEN] += share * (seen[TORQUE] - memory[_TAKEN])
-        memory[_TAKEN_PREDICTED] += share * (
-            memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
-        )
+        beyond = memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
+        memory[_TAKEN_PREDICTED] += share * beyond
         if memory[STATE] < STOPPED and limits.shared == 0.0:
             _compare(own)
 
@@ -740,18 +716,6 @@ def _credible(own: Guarded) -> float:
     return float(min(max(predicted, low), high))
 
 
-@internal
-def _is_too_fast(own: Guarded) -> bool:
-    """Return whether the joint's speed, or the power into it, exceeds its limit."""
-    limits, memory = limits_of(own.gains), own.memory
-    share = 1.0 if memory[STATE] != BRAKED else _SET.release_share
-    speed = memory[_GOOD + JOINT_SPEED]
-    power = speed * memory[_GOOD + TORQUE]
-    return bool(
-        abs(speed) > share * limits.safe_speed or power > share * limits.safe_power
-    )
-
-
 @compiled
 def state(own: Guarded, ahead: float, planned: float) -> float:
     """Return the state of the guard after `admit`, one of `FREE` to `LIMP`.
@@ -769,24 +733,26 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
     released = release_state(before, measured, rushing, planned, safe)
     if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
         predicted = _credible(own)
-        released = max(
-            released, release_state(before, predicted, rushing, planned, safe)
-        )
+        again = release_state(before, predicted, rushing, planned, safe)
+        released = max(released, again)
         if memory[_EQUAL + MOTOR] >= _SET.still_samples:
             # The encoder may be frozen; then the torque shows that the motor runs.
             rushing = memory[_RUSH] * abs(ratio) * np.sqrt(limits.inertia / stiffness)
-            released = max(
-                released, release_state(before, measured, rushing, planned, safe)
-            )
+            again = release_state(before, measured, rushing, planned, safe)
+            released = max(released, again)
+    speed = memory[_GOOD + JOINT_SPEED]
+    if abs(speed) > limits.safe_speed or speed * measured > limits.safe_power:
+        released = BRAKED
     memory[STATE] = released
-    if _is_too_fast(own):
-        memory[STATE] = BRAKED
-    return float(memory[STATE])
+    return float(released)
 
 
 @internal
 def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the phase of the rotor's oscillation in a delay [rad], 0 if unknown."""
+    """Return the phase by which rotor and cables oscillate in `answer_time` [rad].
+
+    It is 0 if inertia or stiffness is unknown.
+    """
     if not limits.inertia * spring[STIFFNESS] > 0.0:
         return 0.0
     frequency = np.sqrt(spring[STIFFNESS] / limits.inertia) / abs(limits.ratio)
@@ -865,7 +831,7 @@ def _swing_bounds(
 
 @internal
 def _swing_limited(own: Guarded, torque: float) -> float:
-    """Return a command that keeps the joint safe until the motor can react [N m]."""
+    """Return the command, limited so that the joint is safe till the motor reacts."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
@@ -888,7 +854,7 @@ def _swing_limited(own: Guarded, torque: float) -> float:
 
 @compiled
 def bounded(own: Guarded, torque: float) -> float:
-    """Limit a torque to a command that is safe; store and return it [N m]."""
+    """Return a torque limited to a safe command, and store it as `COMMAND` [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     most = command_limit(limits, spring)
     torque = _swing_limited(own, torque)
@@ -900,7 +866,7 @@ def bounded(own: Guarded, torque: float) -> float:
 
 @internal
 def passed(own: Guarded, damping: float, torque: float) -> float:
-    """Return the guarded motor torque for `torque` of a law, after `admit` [N m].
+    """Return a law's motor torque `torque` as the guard allows it, after `admit` [N m].
 
     `damping` is that of a released motor [N m s/rad].
     """

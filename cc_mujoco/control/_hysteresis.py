@@ -442,7 +442,7 @@ def _hysteretic(motor: Array, beta: float, gamma: float) -> Array:
 
 
 def _relaxed(size: float, left: float, rate: float, sign: float) -> float:
-    """Return |z| after a motion `left` [rad], in which it nears `sign / rate`."""
+    """Return |z| after a motion `left` [rad], from `size` towards `sign / rate`."""
     if rate <= 1e-9:
         return size + sign * left
     end = sign / rate

@@ -1,6 +1,6 @@
 """Laws of one control step of one axis, compiled, on the memory of the caller.
 
-    wrong_parameters(shape, parameters, least, most, gains)   # 0, or 1 + its index
+    wrong_parameters(shape, parameters, least, most, gains)   # 0 if all are possible
     store(memory, shape, parameters)
     torque = step(LawData(memory, shape, tables, readings))
 
@@ -14,9 +14,10 @@ scalars and its sections. Memory is numbers only.
 
 from __future__ import annotations
 
+import csv
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.cable._mesh import SECTION_SIZE
-from cc_mujoco.cable._parameter import parameter, parameters_of
+from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import (
@@ -51,104 +52,29 @@ LAW_INPUTS = MEASURED_COLUMNS[: guard.READINGS]
 """Columns that the laws read, in the order of `guard.READINGS`."""
 
 
-def gain(
-    unit: str, low: float, high: float, default: float, meaning: str, **more: Any
-) -> float:
-    """Define a gain by its unit, bounds, default and meaning; see `parameter`."""
-    return parameter(
-        unit=unit, bounds=(low, high), default=default, meaning=meaning, **more
+def gains_of(law: str) -> tuple[Parameter, ...]:
+    """Return the gains of `gains.csv` for `all` laws, then of `feedback` or `plan`.
+
+    The first are the fields of `DriveLimits`; a second row of a gain replaces its first
+    one. A bound in capitals is a constant of `_guard`.
+    """
+    with Path(__file__).with_name("gains.csv").open(encoding="utf-8") as file:
+        own = (row for row in csv.DictReader(file) if row["law"] in ("all", law))
+        rows = {row["name"]: row for row in own}
+    return tuple(
+        Parameter(
+            row["name"],
+            row["unit"],
+            row["meaning"],
+            float(row["low"]),
+            float(getattr(guard, row["high"], row["high"])),
+            low_open=row["bound"] == "above",
+        )
+        for row in rows.values()
     )
 
 
-@dataclass(frozen=True)
-class DriveGains:
-    """Parameters of motor and joint, first in every law: fields of `DriveLimits`."""
-
-    ratio: float = gain(
-        "1", -1e6, 1e6, 1.0,
-        "joint torque per motor torque without friction, signed, not 0",
-    )  # fmt: skip
-    low: float = gain("N m", -1e9, 1e9, -1.0, "least torque of the motor")
-    high: float = gain(
-        "N m", -1e9, 1e9, 1.0, "greatest torque of the motor, above `low`"
-    )
-    period: float = gain(
-        "s", 0.0, 1e3, 1e-3, "time between two steps of the controller", low_open=True
-    )
-    one_way: float = gain(
-        "1", 0.0, 1.0, 0.0,
-        "1 where the cables only transmit positive motor torque, else 0",
-    )  # fmt: skip
-    inertia: float = gain(
-        "kg m^2", 0.0, 1e6, 0.0, "of the motor with its pulley; 0 is not known"
-    )
-    safe_torque: float = gain(
-        "N m", 0.0, guard.NO_TORQUE_LIMIT, guard.NO_TORQUE_LIMIT,
-        "most that the cables may put into the joint", low_open=True,
-    )  # fmt: skip
-    safe_speed: float = gain(
-        "rad/s", 0.0, guard.NO_SPEED_LIMIT, guard.NO_SPEED_LIMIT,
-        "speed of the joint beyond which it is let go", low_open=True,
-    )  # fmt: skip
-    safe_power: float = gain(
-        "W", 0.0, guard.NO_POWER_LIMIT, guard.NO_POWER_LIMIT,
-        "power into the joint beyond which it is let go", low_open=True,
-    )  # fmt: skip
-    answer_time: float = gain(
-        "s", 0.0, guard.MAX_ANSWER_TIME, 0.0,
-        "time from a torque at the joint to the answer of the motor; 0 is none",
-    )  # fmt: skip
-    shared: float = gain(
-        "1", 0.0, 1.0, 0.0, "1 where other motors turn the joint, too, else 0"
-    )
-
-
-@dataclass(frozen=True)
-class FeedbackGains(DriveGains):
-    """Parameters of a law with feedback: those of `DriveGains`, then its gains."""
-
-    feed_forward: float = gain(
-        "1", 0.0, 1.0, 1.0, "1 where the desired torque is fed forward, else 0"
-    )
-    proportional: float = gain("1", 0.0, 1e6, 1.0, "K_p")
-    integral: float = gain("1/s", 0.0, 1e6, 2.0, "K_i")
-    settling: float = gain(
-        "s", 0.0, 10.0, 0.03,
-        "time in which the motor settles relative to the joint; 0 is undamped",
-    )  # fmt: skip
-    preview: float = gain(
-        "s", 0.0, 10.0, 0.02, "time by which the motion of the joint is looked ahead"
-    )
-    tolerance: float = gain(
-        "N m", 0.0, 1e6, 0.0, "torque at the joint below which the sense does not turn"
-    )
-    stiffness: float = gain(
-        "N m/rad", 0.0, 1e12, 0.0,
-        "of all cables at the joint, for the guard; 0 is not known",
-    )  # fmt: skip
-    rest_torque: float = gain(
-        "N m", 0.0, 1e9, 0.0,
-        "torque of the pretension of all cables at the joint, for the guard",
-    )  # fmt: skip
-    wrap_friction: float = gain(
-        "1", 0.0, 100.0, 0.0,
-        "friction coefficient times wrap of the cables, for the guard",
-    )  # fmt: skip
-    taut_compliance: float = gain(
-        "rad/(N m)", 0.0, 1e12, 0.0,
-        "of all cables at the joint without ends that harden, for the guard",
-    )  # fmt: skip
-    end_compliance: float = gain(
-        "rad/(N m)", 0.0, 1e12, 0.0,
-        "of ends that harden, at no torque, for the guard; 0 where none does",
-    )  # fmt: skip
-    end_hardening: float = gain("1/(N m)", 0.0, 1e6, 0.0, "of these ends")
-    end_loss: float = gain(
-        "1", 0.0, 0.6, 0.0, "share of the work of loading that these ends lose"
-    )
-
-
-LIMITS, FEEDBACK = parameters_of(DriveGains), parameters_of(FeedbackGains)
+LIMITS, FEEDBACK = gains_of("all"), gains_of("feedback")
 """Gains of a law without and with feedback, in order."""
 
 _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFNESS = (
@@ -159,38 +85,35 @@ SPRING_GAINS = tuple(one.name for one in FEEDBACK[STIFFNESS:])
 """Names of the gains that are the spring's numbers, in order."""
 
 FIRST_STEP, JOINT_ANGLE, SPRING, OWN_MEMORY = 0, 1, 2, 2 + guard.SPRING_SIZE
-"""Places in the memory: 1 until the first step is taken; angle of the joint since the
-start by the model [rad]; all cables as a spring there (`guard.STIFFNESS`); first of the
-numbers that are a controller's own.
-"""
+"""Places in the memory: 1 until the first step is taken; joint angle of the model since
+the start [rad]; all cables as a spring at the joint, see `guard.STIFFNESS`; the first
+number of the controller's own."""
 INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
-"""Places of the own numbers of a law with feedback: torque of the integral [N m];
-direction in which the motor shall turn; first number of the guard.
-"""
+"""Places from `OWN_MEMORY` on, of a law with feedback: torque of the integral [N m];
+direction in which the motor shall turn; first number of the guard."""
 LAST_COMMAND, GAINS, CABLES = (
     OWN_MEMORY + GUARD + guard.COMMAND,
     OWN_MEMORY + GUARD + guard.MEMORY_SIZE,
     OWN_MEMORY + GUARD + guard.MEMORY_SIZE + len(FEEDBACK),
 )
 """Places in the memory of a controller that does not plan: its last torque; its gains;
-first of the rows of numbers of the cables, if it has a model.
-"""
+`_CABLE_ROWS` rows with a number for each cable, if it has a model."""
 _CABLE_ROWS = 5 + compensation.SCRATCH_ROWS
-"""Number of these rows: proximal and distal arm, present arm, slip, gain, scratch."""
+"""Rows of arms at motor and joint; then those of `compensation.Model`: present arm,
+direction, gain and scratch."""
 
 MODEL, STICTION, DISTURBANCE = range(3)
-"""Kinds of laws with a model."""
+"""Laws with a model: `ModelBased`, `StictionCompensation`, `DisturbanceObserver`."""
 _KNOWN, _TORQUE, LACK_SIZE = range(3)
 """Places in the memory of `_learn_lack`, and its size: 1 once a torque was applied; the
-disturbance [N m].
-"""
+disturbance [N m]."""
 
 
 class LawData(NamedTuple):
-    """Numbers that a law of one axis works on; `sizes` is the shape of this module."""
+    """Data of a step of an axis's law; the module docstring defines their contents."""
 
     memory: FloatArray
-    sizes: IntArray
+    sizes: IntArray  # `shape`
     tables: FloatArray
     readings: FloatArray
 
@@ -236,10 +159,7 @@ def longest_cable(shape: IntArray) -> int:
 
 @compiled
 def places(shape: IntArray) -> tuple[int, int]:
-    """Return two indices in the memory of a law that has a model of its cables.
-
-    They are where the states of the cables begin, and the first behind the model.
-    """
+    """Return where the cables' states begin in a model law's memory, and its end."""
     cables, most = shape[0], longest_cable(shape)
     of_cable = _CABLE_ROWS + kernel.parameter_size(most)
     states = CABLES + cables * of_cable
@@ -268,7 +188,7 @@ def model_memory(memory: FloatArray, shape: IntArray) -> compensation.Model:
 def _first_out_of_range(
     first: int, end: int, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
-    """Return 1 + the index of a parameter out of its range, 0 if there is none."""
+    """Return 1 + the index of a parameter in [first, end) out of range; 0 for none."""
     for i in range(first, end):
         if not least[i] <= parameters[i] <= most[i]:
             return i + 1
@@ -387,7 +307,7 @@ def admit(law: Law) -> None:
 
 @internal
 def _admitted(data: LawData) -> Law:
-    """Return a law with the readings that its guard admits, reset at a first step."""
+    """Return the law with readings checked by its guard; reset it at a first step."""
     law = _law_of(data.memory)
     if data.memory[FIRST_STEP] != 0.0:
         law.memory[:] = 0.0
@@ -472,7 +392,10 @@ def follow_model(data: LawData) -> None:
 
 @internal
 def model_torque(data: LawData, kind: int) -> float:
-    """Return the motor torque of a law, a `kind`, after `follow_model` [N m]."""
+    """Return the motor torque of the law `kind`, such as `MODEL`, in this step [N m].
+
+    Call `follow_model` before.
+    """
     own, law = model_memory(data.memory, data.sizes), _law_of(data.memory)
     if kind == STICTION:
         return _stiction(law, own)
@@ -555,8 +478,8 @@ its noise."""
 def _noise(period: float, signals: FloatArray, torque: float) -> float:
     """Return the standard deviation of the noise of the torque sensor [N m].
 
-    It follows from second differences, as motion hardly bends a torque within three
-    samples.
+    It follows from second differences, which motion hardly changes; `signals` has the
+    places from `_KNOWN_SIGNALS` on and is updated.
     """
     change = torque - signals[_LAST_TORQUE]
     power = (change - signals[_LAST_CHANGE]) ** 2 / 6.0
@@ -606,9 +529,9 @@ def step_tuned(data: LawData) -> float:
 def begun(data: LawData, gains: int, size: int, first: int) -> Law:
     """Return a law with a copy of the measurements, its memory reset at a first step.
 
-    The tables begin with the gains after `DriveLimits`, `gains` in all, and the spring
-    of the cables. In the memory the `size` numbers of the law follow the gains; those
-    of the guard begin at `first`.
+    `gains` is the number of its gains. The tables begin with those after `DriveLimits`,
+    then have the spring of the cables. In the memory `size` numbers of the law follow
+    the gains; the guard is the `first` of them and those behind it.
     """
     memory = data.memory
     spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
@@ -626,24 +549,31 @@ def begun(data: LawData, gains: int, size: int, first: int) -> Law:
 class InverseGains(NamedTuple):
     """Gains of `BacklashInverse` after `DriveLimits`."""
 
-    late: float  # time from a torque at the joint to the answer of the motor [s]
-    position: float  # [N m/rad]
-    damping: float  # [N m s/rad]
-    integral: float  # [1/s]
-    band: float  # motion of the joint that is none [rad]
-    release: float  # damping of a motor that is let go [N m s/rad]
+    late: float  # time from a torque at the joint to the motor's reaction to it [s]
+    position: float  # motor torque per error of the motor's angle [N m/rad]
+    damping: float  # motor torque per error of its velocity [N m s/rad]
+    integral: float  # rate at which the torque error shifts the wanted angle [1/s]
+    band: float  # motion up to which the direction does not reverse [rad]
+    release: float  # damping of a released motor [N m s/rad]
 
 
 _INVERSE_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _ANGLE_OFFSET, INVERSE_GUARD = (
     range(7)
 )
-"""Places in the memory of the law; the guard is last."""
-BAND_SIGMAS = 0.34  # motion that is none, in standard deviations of the torque sensor
+"""Places in the law's memory: 1 once started; angles of motor and joint at the start
+[rad]; direction of motion; wanted angle farthest in it, and the integral's shift of
+the stretch [rad]; the guard."""
+BAND_SIGMAS = (
+    0.34  # `InverseGains.band` times stiffness, over the torque sensor's noise
+)
 
 
 @compiled
 def _turn(memory: FloatArray, wanted: float, band: float) -> float:
-    """Return the direction of `wanted`, reversed by a motion above `band` [rad]."""
+    """Return the direction in which an angle `wanted` moves [rad]: 1, -1, 0 at first.
+
+    Motion up to `band` [rad] does not change it.
+    """
     sense = memory[_SENSE]
     if sense == 0.0:
         if abs(wanted - memory[_EXTREME]) > band:
@@ -705,24 +635,25 @@ def step_inverse(data: LawData) -> float:
 
 STRETCH, SPEED, LOAD, LACK, STATES = range(5)
 """States of the linear model: motor angle less ratio times joint angle [rad]; its rate;
-torques on the motor and at the joint that it does not explain [N m].
-"""
+torques on the motor and at the joint that it does not explain [N m]. Their number."""
 
 
 class GaussianGains(NamedTuple):
     """Gains of `LinearQuadraticGaussian` after `DriveLimits`."""
 
-    release: float  # damping of a motor that is let go [N m s/rad]
-    slip: float  # change of the stretch's innovation where an encoder slipped [rad]
+    release: float  # damping of a released motor [N m s/rad]
+    slip: float  # least change of the stretch's innovation by a slipped encoder [rad]
 
 
 _GAUSSIAN_STARTED, _STRETCH_OFFSET, _INNOVATION, GAUSSIAN_GUARD = range(4)
 HEADER = GAUSSIAN_GUARD + guard.MEMORY_SIZE
-"""Number of numbers in the memory before the state and the torques not yet measured."""
+"""Places in the law's memory: 1 once started; stretch that counts as 0 and its last
+innovation [rad]; the guard. Behind `HEADER` numbers follow the state and the torques
+whose effect is not yet measured."""
 
 
 class Design(NamedTuple):
-    """Model and gains of observer and regulator."""
+    """Linear model of `LinearQuadraticGaussian`, gains of observer and regulator."""
 
     model: FloatMatrix  # state after a step, from state and torque (4, 5)
     read: FloatMatrix  # stretch and torque of the joint, from the state (2, 4)
@@ -747,7 +678,7 @@ def step_gaussian(data: LawData) -> float:
     """Return the motor torque of `LinearQuadraticGaussian` [N m].
 
     The tables are those of `begun`, then those of `Design`. The memory has `HEADER`
-    numbers, `STATES` numbers of the state, the torques not yet measured, and scratch.
+    numbers, the `STATES`, the torques whose effect is not yet measured, and scratch.
     """
     size, tables = data.sizes[0], data.tables
     count = len(GaussianGains._fields)

@@ -58,7 +58,7 @@ class ModelBased(ProportionalIntegral):
         gains=law_steps.FEEDBACK,
     )
     kind = law_steps.MODEL
-    """Kind of the law, see `_law_steps.model_torque`."""
+    """Law in `_law_steps.model_torque`."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class ModelBased(ProportionalIntegral):
         require_known_cables(drive)
         self.mismatch = mismatch
         self._played: list[tuple[int, float]] = []
-        """Steps of every environment, and the factor of friction in its model."""
+        """Steps since the reset and factor on the model's friction, by environment."""
         self.settling = stable_settling_time(drive, self.spring, settling)
 
     def law_tables(self) -> LawTables:
@@ -158,12 +158,10 @@ class StictionCompensation(ModelBased):
     def __init__(
         self,
         drive: Drive,
-        proportional: float = 1.0,
-        integral: float = 2.0,
-        mismatch: Mismatch = 0.0,
-        settling: float = 0.03,
+        *given: Any,
         preview: float = 0.02,
         tolerance: float | None = None,
+        **settings: Any,
     ) -> None:
         """Prepare for the first episode.
 
@@ -174,18 +172,12 @@ class StictionCompensation(ModelBased):
         Raises:
             CableError: As `ModelBased`, or a preview or tolerance that is negative.
         """
-        super().__init__(drive, proportional, integral, mismatch, settling)
+        super().__init__(drive, *given, **settings)
         most = abs(drive.ratio) * max(abs(drive.low), abs(drive.high))
         self.preview = preview
         self.tolerance = 0.01 * most if tolerance is None else tolerance
         require_number("preview", self.preview, 0.0, 10.0, "s")
         require_number("tolerance", self.tolerance, 0.0, 1e6, "N m")
-
-    @property
-    def gains(self) -> law_steps.FeedbackGains:
-        return dataclasses.replace(
-            super().gains, preview=self.preview, tolerance=self.tolerance
-        )
 
 
 class DisturbanceObserver(ModelBased):
@@ -204,13 +196,7 @@ class DisturbanceObserver(ModelBased):
     kind = law_steps.DISTURBANCE
 
     def __init__(
-        self,
-        drive: Drive,
-        proportional: float = 1.0,
-        integral: float = 2.0,
-        mismatch: Mismatch = 0.0,
-        settling: float = 0.03,
-        cutoff: float = 3.0,
+        self, drive: Drive, *given: Any, cutoff: float = 3.0, **settings: Any
     ) -> None:
         """Prepare for the first episode.
 
@@ -219,7 +205,7 @@ class DisturbanceObserver(ModelBased):
         Raises:
             CableError: As `ModelBased`, or a cut-off that is not positive.
         """
-        super().__init__(drive, proportional, integral, mismatch, settling)
+        super().__init__(drive, *given, **settings)
         require_number("cutoff", cutoff, 1e-6, 0.5 / drive.period, "Hz")
         self.share = -math.expm1(-2.0 * math.pi * cutoff * drive.period)
         """Share of a new value in the disturbance."""

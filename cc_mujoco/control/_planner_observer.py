@@ -46,7 +46,7 @@ def replace_by_mean_torque(planner: Planner) -> None:
 
 @internal
 def _smooth(memory: FloatArray, first: int, seen: float, tune: FloatArray) -> None:
-    """Update value, rate and acceleration, from `first` on, by the next reading."""
+    """Update a value and its two differences, at `first` and behind, by a reading."""
     memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
     memory[first + 1] += memory[first + 2]
     off = seen - memory[first]
@@ -121,7 +121,7 @@ def observe(planner: Planner, seen: FloatArray) -> float:
 
 @internal
 def set_bristles(cables: stepper.Cables, bristles: float) -> None:
-    """Set the bristle length of all cables, given as a motion of the joint [rad]."""
+    """Set the bristle length of all cables, given as a joint motion [rad]; 0: none."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
         prm[PLACE.bristle_length] = bristles * abs(cables.distal[k])
@@ -299,7 +299,11 @@ def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> flo
 def _update_observer(
     rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
 ) -> None:
-    """Advance an observer of the rotor by a step under a torque `force` [N m]."""
+    """Advance an observer of the rotor by a step.
+
+    `seen` is the measured angle [rad], `force` the torque of motor and cables [N m],
+    `unexplained` the gain of the unexplained torque.
+    """
     dt, inertia = tune[at.PERIOD], tune[at.INERTIA]
     force += rotor[at.DISTURBANCE] - tune[at.DAMPING] * rotor[at.VELOCITY]
     gained = dt * force / inertia

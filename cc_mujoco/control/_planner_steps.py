@@ -58,22 +58,22 @@ _TUNING, _SPRING, CHANGED, LAW = (
     OWN_MEMORY + STIFFNESS + guard.SPRING_SIZE,
     OWN_MEMORY + STIFFNESS + guard.SPRING_SIZE + 1,
 )
-"""Places in the memory: of the tuning; of the spring; of whether parameters or path
-were changed since the last step; of the numbers of `_planner_memory`, followed by the
-states of the cables."""
+"""Places in the memory: the gains; the spring; 1 if parameters or path were changed
+since the last step; `Planner.memory`, followed by the states of the cables."""
 READING_INTERVAL, MIN_BELIEVED_FRICTION, FIRST_VARIANCE = 5, 1e-3, 0.2 * 0.2
-"""Steps between two tension readings that are used; least friction coefficient that is
-assumed; variance of the coefficient before any reading."""
+"""Steps between two tension readings that are used; least friction coefficient that a
+model has; variance of the coefficient before any reading."""
 COEFFICIENT, ESTIMATE_SIZE = ESTIMATE, 4
-"""Place and size of the estimate of the friction of a cable, see `update_estimate`."""
+"""Place of the coefficient in the friction estimate of a cable, and the estimate's
+size; see `update_estimate`."""
 
 
 class Taps(NamedTuple):
     """Tension sensors of a controller, an equal number along each cable."""
 
-    nodes: IntMatrix  # (cables, sensors)
+    nodes: IntMatrix  # nodes where they are (cables, sensors)
     noise: FloatMatrix  # standard deviations (cables, sensors) [N]
-    fading: float  # share of the information that fades with each reading
+    fading: float  # share of the earlier information that a reading takes away
 
 
 @internal
@@ -85,10 +85,10 @@ def _sensor_count(shape: IntArray) -> int:
 
 @compiled
 def places(shape: IntArray) -> tuple[int, int, int]:
-    """Return two indices in the memory, and its size.
+    """Return the indices of two parts of the memory, and its size.
 
-    The indices are those of the parameters after the tuning, which follow the last
-    command, and of the states of the cables.
+    The parts are the parameters behind the gains, and the states of the cables. The
+    number before the former is the last command.
     """
     cables, most, sensors = shape[0], longest_cable(shape), _sensor_count(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
@@ -154,7 +154,7 @@ def _planner(data: LawData) -> Planner:
 
 @compiled
 def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    """Store tuning, cables and standard deviations of the sensors in the memory."""
+    """Store gains, cables and standard deviations of the sensors in the memory."""
     given, _, _ = places(shape)
     memory[_TUNING:_SPRING] = parameters[:STIFFNESS]
     memory[given : given + parameters.size - STIFFNESS] = parameters[STIFFNESS:]
@@ -173,9 +173,10 @@ def step_plan(data: LawData) -> float:
 
 @internal
 def _planned(planner: Planner, data: LawData) -> float:
-    """Return the motor torque of the next step [N m]; start anew if it is the first.
+    """Return the motor torque of the next step [N m]; reset the memory if it is first.
 
-    The second row of `friction` has the factors on friction to plan with.
+    Cables are packed anew if their parameters have changed, or a factor on friction in
+    row 1 of `planner.friction` by more than 1 %.
     """
     memory, shape, readings = data.memory, data.sizes, data.readings
     cables, is_fresh = planner.cables, memory[law_steps.FIRST_STEP] != 0.0
@@ -227,9 +228,9 @@ def _learn_friction(
 ) -> None:
     """Update the estimates `known` (cables, `ESTIMATE_SIZE`) by the readings of a step.
 
-    The readings are tensions (cables, sensors) [N], whose equations are those of
-    `estimation._tension_slope`. `scratch` has 4 sensors + 2 numbers and the segments of
-    the longest cable.
+    `readings` are tensions (cables, sensors) [N], with the equations of
+    `estimation._tension_slope`. `scratch` has 4 m + 2 + n numbers, of m sensors along a
+    cable and n segments of the longest cable.
     """
     cables, m = planner.cables, taps.noise.shape[1]
     design, rows = rows_of(scratch, 0, m, 1), rows_of(scratch, m, m, 1)

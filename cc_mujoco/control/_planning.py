@@ -249,7 +249,7 @@ def _anticipate_joint(memory: FloatArray, tune: FloatArray) -> None:
 
 @internal
 def _extrapolated(ahead: FloatArray, joint: float, t: float) -> tuple[float, float]:
-    """Return the joint's angle [rad] and its desired torque [N m] after `t` steps."""
+    """Return joint angle [rad] and desired torque [N m] `t` steps after `ahead`."""
     where = joint + ahead[at.JOINT + 1] * t + 0.5 * ahead[at.JOINT + 2] * t * t
     return where, ahead[at.DESIRED_TORQUE] + ahead[at.DESIRED_TORQUE + 1] * t
 
@@ -262,9 +262,9 @@ def _plan(
 
     They are followed by the first command [N m] if the rate of the command is too
     limited, else NaN. `caution` is the initial deficit of the torque [N m]. Return the
-    mean squared error of the torque over the horizon [N m^2], half of it on the planned
-    path and half on the wanted one, which no travel of the motor delays. It is infinite
-    if the plan might exceed the allowed iterations.
+    mean squared torque error over the horizon [(N m)^2], the mean of that on the
+    planned path and on the wanted one, which no travel of the motor delays. It is
+    infinite if the plan might exceed the allowed iterations.
     """
     cables, tune, ahead, new = planner.cables, planner.tune, planner.ahead, planner.new
     gains = planner.tables.gains[int(ahead[at.BELIEVED_DELAY])]
@@ -318,7 +318,7 @@ def _plan(
 def _simulate_plan(
     planner: Planner, joint: float, caution: float, cost: float, push: FloatArray
 ) -> float:
-    """Return `cost` plus the squared torque errors of a plan `push` [N m^2].
+    """Return `cost` plus the squared torque errors of a plan `push` [(N m)^2].
 
     `path` and `load` of `planner` get the path of the motor and the load on it.
     """

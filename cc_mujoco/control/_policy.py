@@ -208,7 +208,7 @@ class Policy(Controller):
     def _decide(
         self, measured: Sequence[Array], rows: NDArray[np.intp], started: Any
     ) -> None:
-        """Update the actions of environments whose samples are due.
+        """Update the actions of environments in which a new one is due.
 
         `measured` has the readings of each axis (n, columns), `rows` the environments
         that were read, and `started` is a mask (n,) of those with a complete reading.

@@ -201,7 +201,7 @@ def known_parameters(drive: Drive, name: str) -> Mapping[str, Any]:
 
 
 class HysteresisInverse(PositionController):
-    """Inverse of a model of hysteresis, which subclasses name."""
+    """Inverse of the model of hysteresis `model_name`, with parameters of a trial."""
 
     model_name: ClassVar[str]  # one of `FITTED`
 
@@ -380,7 +380,7 @@ def require_cables(drive: Drive) -> None:
 
 
 class _CableCourses:
-    """Inverse of the cables, with `rest` and `invert` as of a `HysteresisModel`."""
+    """Inverse of the cables' model, with `rest` and `invert` of a `HysteresisModel`."""
 
     def __init__(self, drive: Drive, parameters: CableParameters) -> None:
         self._cables, self._parameters = drive.cables, parameters

@@ -24,7 +24,7 @@ from cc_mujoco.control._controller import (
     SteppedLaw,
     cable_shape,
 )
-from cc_mujoco.control._planner_memory import PLANNER_INPUTS, TUNING, Tuning
+from cc_mujoco.control._planner_memory import PLANNER_INPUTS, TUNING
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
@@ -235,8 +235,7 @@ class PredictiveCompensation(SteppedController):
         spring = joint_spring(drive.cables, self.limits)
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
-        self.tuning = Tuning(
-            **self.limits._asdict(),
+        self._gains: dict[str, float] = self.limits._asdict() | dict(
             damping=drive.damping,
             span=horizon / knots,
             tolerance=tolerance * noise,
@@ -274,8 +273,8 @@ class PredictiveCompensation(SteppedController):
         self._angles = np.zeros((0, 0))
 
     @property
-    def gains(self) -> Tuning:
-        return self.tuning
+    def gains(self) -> dict[str, float]:
+        return self._gains
 
     def law_tables(self) -> LawTables:
         shape = *cable_shape(self.drive.cables), *self.tables.gains.shape[:2]

@@ -82,7 +82,8 @@ Law = str | Callable[..., Any]
 """Name of a controller, or a function that makes one for a drive."""
 
 DECOUPLED = "decoupled_"  # prefix of the name of a controller of decoupled axes
-OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"  # of the own cable where decoupled
+OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
+"""Columns that a decoupled controller gets of its own cable instead of the joint."""
 
 
 class _Readings(dict[str, Any]):
@@ -101,7 +102,7 @@ class External(Controller):
     """
 
     limits = True
-    """False in a process whose host applies the limits."""
+    """False in a process whose host limits the torque."""
 
     def __init__(
         self,
@@ -123,10 +124,6 @@ class External(Controller):
         if where is None:
             self._law = self._make_law()
 
-    def limited(self, torque: Any) -> Any:
-        one = len(self._drives) == 1
-        return super().limited(torque) if one else limit_torques(torque, self._drives)
-
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
 
@@ -142,7 +139,7 @@ class External(Controller):
             )
         # Infinity is a division by zero, not a request for the motor's largest torque.
         finite = np.where(np.isfinite(given), given, np.nan)[()]
-        return self.limited(finite) if self.limits else finite
+        return limit_torques(finite, self._drives) if self.limits else finite
 
 
 class AxesController(Controller):

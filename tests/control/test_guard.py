@@ -20,6 +20,7 @@ from cc_mujoco.control import (
     Controller,
     DisturbanceObserver,
     PredictiveCompensation,
+    ProportionalIntegral,
     controller,
 )
 from cc_mujoco.control import _guard as guard
@@ -146,18 +147,17 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     torque: float, motor: float, joint: float
 ) -> None:
     """And otherwise its law is that without a guard, bit for bit."""
-    gains = law_steps.FeedbackGains(
-        ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1, inertia=1e-2
-    )
+    drive = Drive(2.0, -5.0, 5.0, 1e-3, safe_torque=SAFE, inertia=1e-2)
+    gains = ProportionalIntegral(drive).gains | {"settling": 0.1}
     read = np.array([0.0, motor, 0.0, joint, torque, 1.0])
     memory, plain = np.zeros((2, law_steps.GUARD + guard.MEMORY_SIZE))
     spring = np.array([20.0, *[0.0] * (guard.SPRING_SIZE - 1)])
-    packed = np.array(dataclasses.astuple(gains))
+    packed = np.array(list(gains.values()))
     law = law_steps.Law(packed, spring, memory, read)
     law_steps.admit(law)
     found = law_steps.proportional_integral(law)
-    free = dataclasses.replace(gains, safe_torque=guard.NO_TORQUE_LIMIT)
-    unguarded = np.array(dataclasses.astuple(free))
+    free = gains | {"safe_torque": guard.NO_TORQUE_LIMIT}
+    unguarded = np.array(list(free.values()))
     usual = law_steps.proportional_integral(
         law_steps.Law(unguarded, spring, plain, read)
     )

@@ -146,7 +146,7 @@ def test_a_motor_is_not_damped_more_than_the_period_allows(
     assert (law.settling > 0.0) == calms
     assert law.settling <= 0.03
     assert damping * period / inertia <= 0.8 + 1e-9
-    assert law.gains.settling == law.settling
+    assert law.gains["settling"] == law.settling
 
 
 def test_disturbance_observer_takes_back_friction_that_the_model_lacks() -> None:

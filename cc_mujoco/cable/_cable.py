@@ -27,29 +27,29 @@ from cc_mujoco.errors import CableError
 
 MAX_SEGMENTS, MAX_SECTIONS = 1000, 64
 MAX_LENGTH, MAX_WRAP = 50.0, 100.0
-"""Longest section [m] and most wrap of one [rad], sixteen turns: what is longer was
-meant in millimetres, and a tighter bend otherwise."""
+"""Largest length [m] and wrap angle [rad] of a section; lengths in millimetres and
+bends of more than sixteen turns are mistakes."""
 BENDS = ("fixed", "route")
-"""Sources of the bends of the conduit: its sections, or the route as it moves."""
+"""Values of `bend`: the conduit bends as in its sections, or as the tendon `route`."""
 PATHS = ("guided", "open", "mixed")
-"""Guides of the cable: a conduit, its tendon's sites and geoms, or one, then these."""
+"""Values of `path`: guided by a conduit, by sites and geoms of a tendon, or by both."""
 ROLLER = "roller"
-"""Guide of an open cable that turns with it, so that it does not rub."""
+"""Radius that stands for a guide that turns with the cable, without friction."""
 OF_A_CONDUIT = (
     "seal_proximal", "seal_distal", "clamp_creep_proximal", "clamp_creep_distal",
     "clearance",
 )  # fmt: skip
-"""Parameters of what only a conduit has; they are off where the whole path is open."""
+"""Parameters of the conduit alone, which must be 0 (off) where `path` is `"open"`."""
 NEEDED = {
     "tension_exponent": "pretension",
     "end_hardening": "end_compliance", "end_loss": "end_compliance",
     "proximal_hardening": "proximal_compliance",
     "proximal_loss": "proximal_compliance",
 }  # fmt: skip
-"""Parameters that are off where another, which each names, is 0."""
+"""Parameters, each with another one; if that is 0, it must be 0 (off) too."""
 OFF_WITHOUT = "0 (off) where `{}` is 0"
 ENDS = ("auto", "explicit")
-"""Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
+"""Values of `ends`: implicit in MuJoCo if its step is long for them, or never."""
 ALLOWED = {
     "segments": f"a whole number in [1, {MAX_SEGMENTS}]",
     "conduit": (
@@ -83,7 +83,7 @@ ALLOWED = {
         "`palm:0.01 tip:roller`"
     ),
 }
-"""Values of the keys that are no scalar parameters, in words."""
+"""Allowed values of all keys but the scalar parameters, as text for errors."""
 
 
 def _read_parameters() -> dict[str, Parameter]:
@@ -113,9 +113,10 @@ def _field(name: str) -> float:
 
 
 class Section(NamedTuple):
-    """Conduit of constant bend: length [m] and bend radius [m], inf where straight.
+    """Part of a conduit of constant curvature: length and bend radius (or inf) [m].
 
-    Its clearance and seating tension are those of the cable, times these factors.
+    `clearance` and `seating` are factors on the cable's `clearance` and
+    `seating_tension`.
     """
 
     length: float
@@ -250,17 +251,14 @@ class Cable:
             allowed = "0 (off) where sections differ in `seating_tension`"
             raise self._refusal("stress_relaxation", allowed)
         object.__setattr__(self, "conduit", sections)
-        if self.bend not in BENDS:
-            raise self._refusal("bend")
+        for name, known in (("bend", BENDS), ("ends", ENDS), ("path", PATHS)):
+            if own[name] not in known:
+                raise self._refusal(name)
         if self.bend == "route" and not self.route:
             raise CableError(
                 "cable parameter `bend` is 'route' but `route` is empty; it must name "
                 "the spatial tendon that the conduit follows"
             )
-        if self.ends not in ENDS:
-            raise self._refusal("ends")
-        if self.path not in PATHS:
-            raise self._refusal("path")
         if self.path != PATHS[0] and not self.route:
             raise CableError(
                 f"cable parameter `path` is {self.path!r} but `route` is empty; it "
@@ -302,7 +300,7 @@ class Cable:
 
     @property
     def terms(self) -> dict[str, Term]:
-        """Friction and elasticity terms that are on, by the parameter that is not 0."""
+        """Terms of the cable's laws that are on, by the parameter that is not 0."""
         found = {}
         for name, term in TERMS.items():
             if getattr(self, name) != 0.0:
@@ -312,14 +310,14 @@ class Cable:
         return found
 
     def require_terms(self, holds: Callable[[Term], bool], why: str) -> None:
-        """Require that a law holds for all terms of the cable that are on.
+        """Require a condition of all terms of the cable that are on.
 
         Args:
-            holds: whether the law holds for a term.
-            why: reason for which such a term must be off; the error ends with it.
+            holds: the condition on a term.
+            why: reason for the condition, with which the error ends.
 
         Raises:
-            CableError: a term is on for which it does not.
+            CableError: a term is on and does not meet the condition.
         """
         for name, term in self.terms.items():
             if not holds(term):
@@ -400,9 +398,9 @@ class Cable:
         """Return a copy with other kinetic friction, static friction in proportion.
 
         Args:
-            friction: coefficient [-]. If the present one is 0, there is no ratio of
-                break-away friction to keep, and the copy has none.
-            changes: other fields to change, but for static friction.
+            friction: coefficient [-]. If that of this cable is 0, its copy has no
+                static friction.
+            changes: other fields to change, except `static_friction`.
 
         Raises:
             CableError: a coefficient is out of its range.
@@ -439,10 +437,10 @@ _NAMES = tuple(p.name for p in PARAMETERS)
 _scalars = operator.attrgetter(*_NAMES)
 
 TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not None}
-"""The terms that exist, by the parameter that switches each on."""
+"""Terms of the cable's laws, by the parameter that switches each on."""
 
 KEYS = tuple(field.name for field in dataclasses.fields(Cable))
-"""All configuration keys of a cable."""
+"""Configuration keys of a cable: the names of its fields."""
 _TEXTS = ("route", "bend", "path", "mouth", "ends")
 
 

@@ -21,17 +21,18 @@ from cc_mujoco.native import FloatArray, internal
 
 
 class Chain(NamedTuple):
-    """Nodes (n + 1,) and segments (n,) of a step, and the relations at its ends.
+    """Springs (nodes), friction elements (segments) and end conditions of a step.
 
-    Ends are T = proximal_p + proximal_q w and T = distal_p - distal_q w [N].
+    The end tensions are proximal_p + proximal_q w and distal_p - distal_q w [N], with
+    the displacement w of the adjacent segment [m].
     """
 
-    tension: FloatArray  # of the nodes before the step [N]
-    stiffness: FloatArray  # of the nodes [N/m]
-    hold_distal: FloatArray  # ratio of the tensions of segments that slip that way
-    hold_proximal: FloatArray
-    drag: FloatArray  # friction of the segments that needs no tension [N]
-    viscosity: FloatArray  # of the segments, per displacement [N/m]
+    tension: FloatArray  # of each node before the step (n + 1,) [N]
+    stiffness: FloatArray  # of each node (n + 1,) [N/m]
+    hold_distal: FloatArray  # tension ratio of each segment if it slips to distal (n,)
+    hold_proximal: FloatArray  # the same if it slips to proximal (n,)
+    drag: FloatArray  # friction of each segment that needs no tension (n,) [N]
+    viscosity: FloatArray  # viscous drag of each segment per displacement (n,) [N/m]
     proximal_p: float
     proximal_q: float
     distal_p: float
@@ -41,18 +42,15 @@ class Chain(NamedTuple):
 class ChainMotion(NamedTuple):
     """Motion of a chain in a step: an initial guess, or the solution."""
 
-    direction: FloatArray  # way in which each segment slips, 0 where it rests (n,)
+    direction: FloatArray  # slip of each segment: 1 to distal, -1, 0 at rest (n,)
     slack: FloatArray  # not 0 where a node is slack (n + 1,)
-    shift: FloatArray  # displacement of each segment in this step [m] (n,)
-    node: FloatArray  # tension of each node [N] (n + 1,)
+    shift: FloatArray  # displacement of each segment in this step (n,) [m]
+    node: FloatArray  # tension of each node (n + 1,) [N]
 
 
 @internal
 def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float, float]:
-    """Return `gain`, `offset` and `own` of segment s if it slips in this direction.
-
-    They give T_distal = gain T_proximal + offset + own w at the displacement w.
-    """
+    """Return `gain`, `offset` [N] and `own` [N/m] of segment s if it slips this way."""
     drag, viscosity = chain.drag[s], chain.viscosity[s]
     if slip_direction > 0.0:
         return chain.hold_distal[s], drag, viscosity
@@ -64,10 +62,10 @@ def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float,
 def solve(
     n: int, chain: Chain, lines: FloatArray, motion: ChainMotion, work: FloatArray
 ) -> None:
-    """Solve a step for displacements and tensions, with known slip and slack nodes.
+    """Solve a step for `shift` and `node` of `motion`, given its `slack` and `lines`.
 
-    `lines` (3 n,) are gain, offset [N] and own stiffness [N/m] of the segments, inf at
-    rest, see the module. `work` holds (2 n,).
+    `lines` (3 n,) are `gain`, `offset` [N] and `own` [N/m] of all segments; `work` is
+    scratch (2 n,).
     """
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n : 3 * n]
     slack, shift, node = motion.slack, motion.shift, motion.node
@@ -117,11 +115,11 @@ def lay_evenly(
     distal_bound: bool,
     shift: FloatArray,
 ) -> None:
-    """Distribute slack cable evenly, as without tension no friction acts on it.
+    """Set `shift` of the segments between slack nodes so that their strain is even.
 
-    Nodes `first` to `last` have no tension, the segments between them no drag.
-    `proximal` and `distal` are displacements before and behind them in this step [m].
-    The cable is unstrained if one of them is not bound, as at an end without tension.
+    Nodes `first` to `last` are slack, so no friction acts between them. `proximal` and
+    `distal` are the displacements on either side of them [m]; if one is not bound, as
+    at an end without tension, their strain is 0.
     """
     rest, compliance = 0.0, 0.0
     for i in range(first, last + 1):
@@ -137,9 +135,9 @@ def lay_evenly(
 
 @internal
 def lay_slack(n: int, chain: Chain, free: FloatArray, motion: ChainMotion) -> None:
-    """Distribute evenly all slack cable that no friction holds.
+    """Strain slack cable evenly, by `lay_evenly`, wherever friction does not hold it.
 
-    `free` (n,) is not 0 where a segment has no friction without tension.
+    `free` (n,) is not 0 for segments that have no friction without tension.
     """
     tension, slack, shift = chain.tension, motion.slack, motion.shift
     first = 0
@@ -179,7 +177,11 @@ def break_away(
     growth_distal: FloatArray,
     growth_proximal: FloatArray,
 ) -> bool:
-    """Set the kinetic law for a segment that slips `way`; return whether it changes."""
+    """Give a slipping segment its kinetic ratios; return whether they have changed.
+
+    It slips to distal if `way` > 0, to proximal if `way` < 0. `growth_distal` and
+    `growth_proximal` (n,) are the kinetic tension ratios for slip in that direction.
+    """
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     if way > 0.0 and hold_distal[s] != growth_distal[s]:
         hold_distal[s] = growth_distal[s]

@@ -26,7 +26,11 @@ from cc_mujoco.native import FloatArray, internal
 def write_coefficients(
     prm: FloatArray, n: int, step: Step, tension: FloatArray
 ) -> None:
-    """Write the coefficients of every segment for this step, see `_friction.py`."""
+    """Write E, H, B and C of every segment, see `_friction.py`, to rows of scratch.
+
+    With bristles their stiffness and force too. `tension` (n + 1,) [N] is that of the
+    nodes before the ends move.
+    """
     state, work, dt = step.state, step.work, step.dt
     if prm[at.CONSTANT_COULOMB] != 0.0:
         held, slipped = at.constant_hold(prm, n), at.slips(state, n)
@@ -115,12 +119,11 @@ def friction_holds(n: int, chain: CoulombChain) -> bool:
 
 @internal
 def update_viscosity(prm: FloatArray, n: int, step: Step, node: FloatArray) -> bool:
-    """Update the viscosity of grease to the slip speeds; return whether it was right.
+    """Update the speeds for the viscosity of grease; return whether they converged.
 
-    It is implicit in the slip of the step, so grease takes energy whatever dt, and
-    after any round. The error is of first order in dt, as that of viscous friction
-    (0.06 % RMS at 1 ms where the ends turn at once). Rounds stop where the errors of
-    all segments together are below 1e-5 of the largest tension.
+    The drag is implicit in the slip, so grease dissipates for any dt and after any
+    round; its error is of first order in dt (0.06 % RMS at 1 ms where the ends turn at
+    once). Converged is a drag error of all segments below 1e-5 of the largest tension.
     """
     values = at.scalars(prm)
     shift, guess = at.row(step.work, n, at.SHIFT), at.row(step.work, n, at.SPEED)
@@ -138,12 +141,12 @@ def update_viscosity(prm: FloatArray, n: int, step: Step, node: FloatArray) -> b
 
 
 POSITION, TENSION = 0, 1
-"""Quantity prescribed at an end."""
+"""Kinds of an end: its displacement or its tension is prescribed."""
 
 
 @internal
 def written_size(prm: FloatArray, n: int) -> int:
-    """Return the number of leading entries of a state that steps of a cable use."""
+    """Return the number of leading entries that this cable uses of a state."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
     if prm[PLACE.clearance] > 0.0:
@@ -161,7 +164,10 @@ def commit(
     prm: FloatArray, n: int, tension: FloatArray, proximal_kind: int, distal_kind: int,
     step: Step,
 ) -> None:  # fmt: skip
-    """Write ends, tensions, slip memory and dissipated energy after the step."""
+    """Write ends, tensions, slip memory and dissipated energy to the new state.
+
+    `tension` (n + 1,) [N] is that of the nodes before the ends moved.
+    """
     state, new_state, work = step.state, step.new_state, step.work
     stiffness = at.node_stiffness(prm, n)
     shift = at.row(work, n, at.SHIFT)
@@ -249,7 +255,10 @@ def commit(
 
 @internal
 def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> None:
-    """Write the segments' memory of slip: distance, speed and age of contacts."""
+    """Write slip distance, slip speed and contact age of every segment.
+
+    `slipped` (n,) is the slip in this step [m].
+    """
     state, new_state, dt, values = step.state, step.new_state, step.dt, at.scalars(prm)
     remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)
@@ -267,7 +276,7 @@ def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> No
 
 @internal
 def _commit_bristles(prm: FloatArray, n: int, step: Step, tension: FloatArray) -> None:
-    """Write force and stretch of the bristles, and the energy that they released."""
+    """Write force and stretch of the bristles, and the energy [J] that they lost."""
     state, new_state, work = step.state, step.new_state, step.work
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)

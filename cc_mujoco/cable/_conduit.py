@@ -72,7 +72,7 @@ def segment_lengths(cable: Cable) -> FloatArray:
 
 
 def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
-    """State at rest, both ends at displacement 0.
+    """Return the kernel state at rest, with both ends at displacement 0.
 
     Args:
         cable: the cable.
@@ -271,8 +271,8 @@ class Replay:
     Attributes:
         u_proximal: displacement of the proximal end [m].
         u_distal: displacement of the distal end [m].
-        tension_proximal: [N].
-        tension_distal: [N].
+        tension_proximal: tension of the proximal end [N].
+        tension_distal: tension of the distal end [N].
         moving_fraction: share of segments that slipped.
         slack: length of slack cable [m].
         stored: elastic energy [J].
@@ -372,7 +372,7 @@ def _play(
     for row in range(proximal.size):
         if interrupted(row):
             return
-        # A prescribed position has nothing to say at the first sample; a tension does.
+        # At the first sample, at rest, only a prescribed tension moves anything.
         kernel.step(
             prm, n, state, proximal_kind, proximal[row], distal_kind, distal[row], dt,
             new_state, work,
@@ -413,7 +413,7 @@ def require_no_overflow(
 def _prescribed(
     end: str, u: ArrayLike | None, tension: ArrayLike | None
 ) -> tuple[int, FloatArray]:
-    """Return POSITION or TENSION, as prescribed at an end, and the values."""
+    """Return the kind of an end, POSITION or TENSION, and its prescribed values."""
     if u is not None and tension is None:
         return kernel.POSITION, numbers(f"u_{end}", u, high=MAX_TRAVEL, unit="m")
     if tension is not None and u is None:

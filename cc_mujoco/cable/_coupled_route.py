@@ -62,7 +62,7 @@ class CoupledPath:
 
     @property
     def reach(self) -> FloatArray:
-        """Length of cable that path and distal end take together (angles,) [m]."""
+        """Growth of the path plus displacement of the distal end (angles,) [m]."""
         found: FloatArray = self.gained.sum(axis=1) + self.distal
         return found
 
@@ -79,10 +79,9 @@ class CoupledCables:
     """Cables on a motor's pulley, whose paths one joint moves."""
 
     cables: tuple[Cable, ...]  # agonist first
-    courses: tuple[CoupledPath, ...]  # of each; of as many segments
+    courses: tuple[CoupledPath, ...]  # path of each cable, with its segments
     motor_radius: float  # radius of the motor's pulley [m]
-    # of the distal ends' displacements, where their pulley or lever is another than
-    # that of the courses
+    # factor on `distal` of the courses, for a pulley or lever of another radius
     distal_share: float = 1.0
 
     def replay(
@@ -172,7 +171,7 @@ def _pack_on_path(cable: Cable, course: CoupledPath) -> FloatArray:
 
 
 class _Tables(NamedTuple):
-    """Path of a cable and its slopes, over angles from `first` in steps of `step`."""
+    """`CoupledPath` with all slopes, over angles from `first` in steps `step` [rad]."""
 
     first: float
     step: float
@@ -224,10 +223,11 @@ def _play(
     nodes: FloatMatrix,
     out: FloatMatrix,
 ) -> None:
-    """Compute `out`: tensions [N], torques of joint and motor [N m], friction heat [J].
+    """Replay angles of `motor` and `joint` (samples,) [rad] through one cable.
 
-    They are rows (samples,) in this order. Scratch are `states` of two steps and
-    `nodes` (9, n + 1), both 0 before, and `work`.
+    Rows of `out` (5, samples): proximal and distal tension [N], torque on joint and on
+    motor [N m], heat of friction so far [J]. `states` (2, size) and `nodes` (9, n + 1)
+    are scratch of zeros.
     """
     n, prm = cables.n[0], cables.prm[0]
     state, new = states[0], states[1]

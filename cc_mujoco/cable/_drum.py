@@ -31,24 +31,24 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
 
 _MOUNTED, _OWED, _BOTTOM = 0, 1, 2
-"""Places in the memory of a drum: unstretched length that left the mounted rope, that
-which left beyond what the layers gave [m], and the first layer, stretched and
-unstretched length [m]. Empty layers are the last."""
-_TOP = _BOTTOM + 2 * (at.DRUM_LAYERS - 1)
+"""Indices in the memory of a drum: unstretched length paid out of the rope as mounted;
+unstretched length paid out that no layer has given yet; stretched, then unstretched
+length of the innermost layer [m]. Empty layers come last."""
+_TOP = _BOTTOM + 2 * (at.DRUM_LAYERS - 1)  # index of the last layer
 _EMPTY_LAYER = 1e-12
-"""Largest length of a layer that counts as rounding [m]."""
+"""Length of a layer up to which it counts as empty [m]."""
 _NO_FLOW = 1e-30
-"""Smallest length that counts as motion of a drum [m]."""
+"""Length paid out in a step up to which a drum counts as still [m]."""
 
 
 @internal
 def passing_ratio(
     prm: FloatArray, n: int, state: FloatArray, end: int, paid: float
 ) -> float:
-    """Return stretched over unstretched length of the rope that passes a drum.
+    """Return stretched over unstretched length of rope that leaves or enters a drum.
 
-    `paid` is the length of surface that the drum at that end (0, 1) pays out [m]; it is
-    negative if the drum takes rope in.
+    `paid` is the length of surface [m] that the drum at that end (0, 1) pays out, or
+    takes in if negative.
     """
     if not paid > _NO_FLOW:
         i = n * end
@@ -74,10 +74,10 @@ def turn(
     paid: float,
     ratio: float,
 ) -> float:
-    """Turn the drum at an end (0, 1) of the new state; return the slip heat [J].
+    """Update the layers of the drum at an end (0, 1); return the slip heat [J].
 
-    In the step it `paid` out that length of surface [m], with rope of this stretch
-    `ratio`, see `passing_ratio`. `new_state` has the tensions after the step.
+    `paid` and its stretch `ratio` are those of `passing_ratio`. `new_state` has the
+    tensions after the step; its layers are updated.
     """
     if abs(paid) <= _NO_FLOW:
         return 0.0
@@ -129,7 +129,10 @@ def _mixing_heat(
 def _take_in(
     prm: FloatArray, drum: FloatArray, length: float, unstretched: float
 ) -> float:
-    """Put a layer of rope onto a drum; return the heat of merging layers [J]."""
+    """Add a layer of this `length` and `unstretched` length [m]; return the heat [J].
+
+    Where there is no room left, the two layers that lose least energy are merged.
+    """
     k = _top_layer(drum)
     if k < _TOP:
         drum[k + 2], drum[k + 3] = length, unstretched
@@ -155,7 +158,10 @@ def _take_in(
 
 @internal
 def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> float:
-    """Pay out rope to a piece of cable at this tension [N]; return the heat [J]."""
+    """Take `paid` [m] off the layers, outermost first; return the slip heat [J].
+
+    `tension` [N] is that of the piece of cable that the rope joins.
+    """
     left, heat = paid, 0.0
     for i in range(at.DRUM_LAYERS):
         k = _TOP - 2 * i
@@ -183,7 +189,7 @@ def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> 
 def _slip_heat(prm: FloatArray, own: float, tension: float) -> float:
     """Return the heat per unstretched length of rope that leaves a drum [N].
 
-    `own` is its stretch ratio on the drum, `tension` that of the piece ahead [N].
+    `own` is its stretch ratio on the drum; `tension` [N] is that of the cable ahead.
     """
     ratio = moving_path.stretch_ratio(prm, tension)
     lost = moving_path.strain_energy(prm, own) - moving_path.strain_energy(prm, ratio)
@@ -192,7 +198,7 @@ def _slip_heat(prm: FloatArray, own: float, tension: float) -> float:
 
 @internal
 def wound_energy(prm: FloatArray, n: int, state: FloatArray, end: int) -> float:
-    """Return the elastic energy of the rope on a drum, less that as mounted [J]."""
+    """Return the elastic energy of the rope on a drum, relative to as mounted [J]."""
     drum, mounted = at.drum(state, n, end), prm[PLACE.pretension]
     ratio = moving_path.stretch_ratio(prm, mounted)
     total = -float(drum[_MOUNTED]) * moving_path.strain_energy(prm, ratio)

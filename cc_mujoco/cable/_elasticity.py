@@ -36,40 +36,33 @@ _PROMPT = 1.0 / 3.0
 
 
 class Piece(NamedTuple):
-    """Elastic element: a linear stretch (`taut` T), two that saturate, and a spring.
+    """Elastic law of a piece of cable, see the module, with the spring at its end."""
 
-    A linear spring at its end is included in `taut`.
-    """
-
-    taut: float  # compliance at large tensions [m/N]
+    taut: float  # compliance at large tensions, with a linear spring's [m/N]
     bedding: float  # final stretch of bedding [m]
-    half: float  # tension that takes half of it [N]
+    half: float  # T_b, tension at which bedding has half its final stretch [N]
     clearance: float  # final stretch of clearance in bends [m]
-    seating: float  # tension that takes half of it [N]
-    spring: float  # compliance of the spring at no tension, 0 without [m/N]
-    hardening: float  # its h [1/N]
-    returned: float  # tension of unloading by that of loading at the same stretch
-    held: float  # tension T_held of its bristle [N]
+    seating: float  # T_c, tension at which clearance has half its final stretch [N]
+    spring: float  # C, compliance of a soft spring at no tension, 0: none [m/N]
+    hardening: float  # h of the soft spring [1/N]
+    returned: float  # unloading over loading tension of it, at equal stretch
+    held: float  # T_held of its bristle [N]
 
 
 @internal
 def compliance_at(piece: Piece, tension: float) -> float:
     """Return the derivative of the stretch by the tension [m/N].
 
-    At the tension where loading turns into unloading it is that of loading.
+    Where loading turns into unloading it is that of loading.
     """
     pull = max(tension, 0.0)
-    smooth = (
-        piece.taut
-        + _slope(piece.bedding, piece.half, pull, pull)
-        + _slope(piece.clearance, piece.seating, pull, pull)
-    )
+    smooth = _smooth_secant(piece, pull, pull)
     return smooth if piece.spring == 0.0 else smooth + spring_slope(piece, tension)
 
 
 @internal
 def spring_slope(piece: Piece, tension: float) -> float:
-    """Return the derivative of the stretch of the spring by the tension [m/N]."""
+    """Return the derivative of the soft spring's stretch by the tension [m/N]."""
     if tension <= 0.0:
         return piece.spring
     if tension >= piece.held:
@@ -83,7 +76,7 @@ def spring_slope(piece: Piece, tension: float) -> float:
 
 @internal
 def returned_share(loss: float) -> float:
-    """Return unloading over loading tension, at one stretch, of a spring's loss."""
+    """Return unloading over loading tension at equal stretch, for a spring's `loss`."""
     return 1.0 - loss / (1.0 - _PROMPT)
 
 
@@ -110,7 +103,7 @@ def _hardened_between(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def spring_between(piece: Piece, before: float, after: float) -> float:
-    """Return the change of the spring's stretch from one tension to another [m]."""
+    """Return the change of the soft spring's stretch between two tensions [m]."""
     if piece.spring == 0.0:
         return 0.0
     start, end = max(before, 0.0), max(after, 0.0)
@@ -122,19 +115,22 @@ def spring_between(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def _slope(most: float, half: float, before: float, after: float) -> float:
-    """Return the secant of `most` T / (T + `half`) between two tensions [m/N]."""
+    """Return the secant slope of `most` T / (T + `half`) between two tensions [m/N]."""
     return most * half / ((before + half) * (after + half))
+
+
+@internal
+def _smooth_secant(piece: Piece, before: float, after: float) -> float:
+    """Return the secant compliance without the soft spring, tensions >= 0 [m/N]."""
+    bedding = _slope(piece.bedding, piece.half, before, after)
+    return piece.taut + bedding + _slope(piece.clearance, piece.seating, before, after)
 
 
 @internal
 def compliance_between(piece: Piece, before: float, after: float) -> float:
     """Return the secant compliance between two different tensions [m/N]."""
     if before > 0.0 and after > 0.0:
-        smooth = (
-            piece.taut
-            + _slope(piece.bedding, piece.half, before, after)
-            + _slope(piece.clearance, piece.seating, before, after)
-        )
+        smooth = _smooth_secant(piece, before, after)
         if piece.spring == 0.0:
             return smooth
         return smooth + spring_between(piece, before, after) / (after - before)
@@ -153,7 +149,7 @@ def stretch_of(piece: Piece, tension: float) -> float:
 
 @internal
 def given_way(piece: Piece, tension: float) -> float:
-    """Return the displacement in clearance and end spring at a tension [m]."""
+    """Return the stretch of clearance and soft spring alone at a tension [m]."""
     if tension <= 0.0:
         return tension * (piece.clearance / piece.seating + piece.spring)
     play = piece.clearance * tension / (tension + piece.seating)
@@ -170,22 +166,16 @@ def giving_slope(piece: Piece, tension: float) -> float:
 
 @internal
 def _slack_compliance(piece: Piece) -> float:
-    """Return the compliance of a slack piece, that at tension 0 [m/N]."""
-    return (
-        piece.taut
-        + _slope(piece.bedding, piece.half, 0.0, 0.0)
-        + _slope(piece.clearance, piece.seating, 0.0, 0.0)
-        + piece.spring
-    )
+    """Return the compliance of a slack piece, which is that at tension 0 [m/N]."""
+    return _smooth_secant(piece, 0.0, 0.0) + piece.spring
 
 
 @internal
 def tension_of(piece: Piece, stretch: float) -> float:
     """Return the tension [N] at a stretch [m].
 
-    With one saturating term, bedding or clearance, it is the positive root of a
-    parabola. With both, the stretch is concave in the tension, so that Newton's steps
-    rise to the root from a lower bound, the solution for one term.
+    With bedding or clearance it is the root of a parabola. With both the stretch is
+    concave in the tension, so Newton's steps rise to the root from a lower bound.
     """
     if stretch <= 0.0:
         return stretch / _slack_compliance(piece)
@@ -222,9 +212,7 @@ def _tension_with_spring(piece: Piece, stretch: float) -> float:
     for _ in range(_MAX_ROUNDS):
         held = slope * tension if slope > 0.0 else piece.held
         rate = (
-            piece.taut
-            + _slope(piece.bedding, piece.half, tension, tension)
-            + _slope(piece.clearance, piece.seating, tension, tension)
+            _smooth_secant(piece, tension, tension)
             + _PROMPT * _hardened_slope(piece, tension)
             + (1.0 - _PROMPT) * slope * _hardened_slope(piece, held)
         )
@@ -266,7 +254,7 @@ def energy_at(piece: Piece, tension: float) -> float:
 
 @internal
 def _hardened_energy(piece: Piece, tension: float) -> float:
-    """Return the work of loading the spring without its bristle [J]."""
+    """Return the integral of T dX from 0 to a tension, X as in the module [J]."""
     x = piece.hardening * tension
     if x < 1e-3:
         # Series of x - ln(1 + x), which loses its digits here.
@@ -279,7 +267,7 @@ def _hardened_energy(piece: Piece, tension: float) -> float:
 def bristle_heat(piece: Piece, before: float, after: float) -> float:
     """Return the heat of the bristle for a change between two tensions [J].
 
-    All of it is counted in loading, as the stored energy is what unloading returns.
+    The heat of a whole cycle is counted in loading; `energy_at` has none of it.
     """
     if piece.returned == 1.0:
         return 0.0
@@ -290,16 +278,16 @@ def bristle_heat(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def work_between(piece: Piece, before: float, after: float) -> float:
-    """Return the work that stretches a piece from one tension to another [J]."""
+    """Return the work of stretching a piece from one tension to another [J]."""
     gained = energy_at(piece, after) - energy_at(piece, before)
     return gained + bristle_heat(piece, before, after)
 
 
 @internal
 def _stored(x: float) -> float:
-    """Return the dimensionless energy of a stretch that saturates.
+    """Return a saturating stretch's energy over final stretch times half tension.
 
-    It is energy / (final stretch x half tension), at x = tension / half tension.
+    `x` is its tension over the half tension.
     """
     if x < 1e-3:
         # Series of ln(1 + x) - x / (1 + x), which loses its digits here.

@@ -55,13 +55,13 @@ def overcome_direction(
 class CoulombChain(NamedTuple):
     """Nodes (n + 1,) and segments (n,) of a step in which friction is constant."""
 
-    tension: FloatArray  # of the nodes before the step, negative where slack [N]
-    compliance: FloatArray  # of the nodes [m/N]
+    tension: FloatArray  # of each node before the step, negative where slack [N]
+    compliance: FloatArray  # of each node [m/N]
     half: FloatArray  # compliance of half of each segment [m/N]
-    growth: FloatArray  # E of the segments, see `_friction.py`
-    hold: FloatArray  # H of segments that do not go on slipping the same way
-    slips: FloatArray  # of the segments since they last stuck or turned [m]
-    drag: FloatArray  # B of the segments [N]
+    growth: FloatArray  # E of each segment, see `_friction.py`
+    hold: FloatArray  # H of each segment, unless it goes on slipping the same way
+    slips: FloatArray  # slip of each segment since it last stuck or turned [m]
+    drag: FloatArray  # B of each segment [N]
 
 
 @internal
@@ -75,10 +75,10 @@ def hold_against(chain: CoulombChain, s: int, way: int) -> float:
 
 
 class _Front(NamedTuple):
-    """Relations of displacement and tension at the nodes that a front has passed.
+    """Relations of displacement w [m] and tension T [N] where a front has passed.
 
-    They are w = c T - e behind the spring of a node, and w = a T - b at the far end of
-    a segment before that spring. From the distal end they are those of -w.
+    Before the spring of a node w = a T - b, with the index of the segment, and behind
+    that spring w = c T - e. On the front from the distal end w stands for -w.
     """
 
     a: FloatArray
@@ -388,11 +388,11 @@ def repeat_slip(
     node: FloatArray,
     work: FloatArray,
 ) -> bool:
-    """Solve a step in which the same segments slip as in the last, in its direction.
+    """Solve a step as if the segments slip, or rest, exactly as in the last step.
 
-    Return whether that is the solution: all of them go on, all others are held, and no
-    node is slack. The tensions before the step may be any. Arguments and results are
-    those of `march`; `work` holds (3 n,).
+    Return whether that is the solution: those that slip go on, friction holds the
+    others, and no node is slack. The tensions before the step may be any. Arguments and
+    results are those of `march`; `work` holds (3 n,).
     """
     tension, compliance = chain.tension, chain.compliance
     a, b, shrink = work[:n], work[n : 2 * n], work[2 * n : 3 * n]

@@ -38,7 +38,10 @@ from cc_mujoco.native import FloatArray, compiled, internal
 def solve_marked(
     n: int, chain: Chain, motion: ChainMotion, lines: FloatArray, work: FloatArray
 ) -> None:
-    """Solve a step with known slip and slack nodes, and lay slack cable evenly."""
+    """Solve a step for the `direction` and `slack` of `motion`; lay slack cable evenly.
+
+    `lines` (3 n,) and `work` (2 n,) are scratch.
+    """
     drag, viscosity = chain.drag, chain.viscosity
     slip_direction, slack, node = motion.direction, motion.slack, motion.node
     lies = False
@@ -72,7 +75,8 @@ def solve_with_slack(
     """Solve a step in which any node may be or become slack; return whether solved.
 
     `motion` has a guess of slip directions and slack nodes on input. After six rounds
-    nodes are corrected only once no segment needs it, as all at once may cycle.
+    slack is corrected only when all slip directions are right, as both at once may
+    cycle.
     """
     tension, stiffness = chain.tension, chain.stiffness
     drag, viscosity = chain.drag, chain.viscosity
@@ -127,13 +131,17 @@ def solve_with_slack(
 
 
 _SLIPS_LEFT, _HELD, _SLACK = 0, 1, 2
+"""States of a segment, or of a node (`_SLACK`), on the left of a knot of the graph."""
 
 
 @internal
 def _evaluate_graph(
     x: FloatArray, y: FloatArray, count: int, before: float, behind: float, at: float
 ) -> float:
-    """Return the value at `at` of the graph with knots (x, y) and end slopes."""
+    """Return the value of a piecewise linear graph at `at`.
+
+    It has `count` knots (x, y), the slope `before` the first and `behind` the last.
+    """
     last = count - 1
     if at <= x[0]:
         return float(y[0] + before * (at - x[0]))
@@ -155,11 +163,10 @@ def _evaluate_graph(
 def _read_solution(
     n: int, label: FloatArray, passed: int, count: int, motion: ChainMotion
 ) -> None:
-    """Set the direction of slip of each segment, and mark the slack nodes.
+    """Set `direction` and `slack` of `motion` by the place of the solution in a graph.
 
-    The solution lies right of the first `passed` knots, and right of every knot that
-    was dropped on the way. A knot keeps its meaning while it is carried along: left of
-    it segment s is held, or slips left, or node s is slack.
+    It lies right of the first `passed` of `count` knots, and of all knots dropped on
+    the way. The `label` of a knot is 3 s + the state of segment or node s left of it.
     """
     slip_direction, slack = motion.direction, motion.slack
     for s in range(n):
@@ -181,12 +188,12 @@ def _read_solution(
 
 @internal
 def solve_by_graph(n: int, chain: Chain, motion: ChainMotion, work: FloatArray) -> None:
-    """Solve a step from any state with fixed coefficients; `work` as in `sweep`."""
+    """Solve a step by carrying the graph along the cable; `work` is as in `sweep`."""
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     proximal_p, proximal_q = chain.proximal_p, chain.proximal_q
     distal_p, distal_q = chain.distal_p, chain.distal_q
     size = 2 * n + 3
-    # Knots, and what it means to be left of one, see `_read_solution`.
+    # Knots and their labels, see `_read_solution`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
     proximal, distal = 0.0, proximal_q
     x[0], y[0], label[0] = 0.0, proximal_p, -1.0
@@ -266,9 +273,9 @@ def sweep(
 ) -> None:
     """Solve a step from any state, into `shift` and `node` as in `ChainMotion`.
 
-    `last` (n,) is the slip of each segment in the step before. `growth_distal` and
-    `growth_proximal` (n,) are E for slip in that direction. `work` holds (11 n + 11,).
-    The ratios that segments hold are overwritten with E where one breaks away.
+    The sign of `last` (n,) is the slip direction of each segment in the step before.
+    `growth_distal` and `growth_proximal` (n,) are E for slip in that direction, which
+    replaces H in `chain` where a segment breaks away. `work` holds (11 n + 11,).
     """
     tension, stiffness, drag = chain.tension, chain.stiffness, chain.drag
     size = 6 * n + 9  # what comes before it is free outside of the graph
@@ -282,7 +289,7 @@ def sweep(
         if not solve_with_slack(n, chain, motion, lines, rest):
             solve_by_graph(n, chain, motion, work)
         # A segment that breaks away follows the kinetic law: solve again with it. Slip
-        # of rounding alone is none, or one that is about to slip would have.
+        # within rounding does not count, or a segment about to slip would break away.
         broke = False
         for s in range(n):
             load = node[s] + node[s + 1] + drag[s]

@@ -111,7 +111,7 @@ def _stick_all(n: int, new_state: FloatArray) -> None:
 
 @internal
 def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) -> None:
-    """Solve the step from any state, with the coefficients that are in `work`."""
+    """Solve a step from any state, for the coefficients in rows of `step`."""
     work, slips = step.work, at.slips(step.state, n)
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     if prm[PLACE.bristle_length] > 0.0:
@@ -136,9 +136,10 @@ def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) 
 def _end_relation(
     kind: int, value: float, pulled: float, tension: float, stiffness: float
 ) -> tuple[float, float]:
-    """Return p [N] and q [N/m] of T = p +- q w at an end, w the adjacent slip [m].
+    """Return p [N] and q [N/m] of an end's condition T = p +- q w, see `Chain`.
 
-    `pulled` is the outward motion of an end driven by position [m].
+    `kind` is POSITION or TENSION, and then `value` the tension [N]. `pulled` is the
+    outward motion of an end driven by position [m].
     """
     if kind == TENSION:
         return max(value, 0.0), 0.0
@@ -147,7 +148,7 @@ def _end_relation(
 
 @internal
 def _tension_to_move(prm: FloatArray, n: int, step: Step) -> FloatArray:
-    """Return the tensions (n + 1,) [N] after the changes of `_pre_step.py`."""
+    """Return the node tensions [N] from which the ends move, see `_pre_step.py`."""
     tension = at.tensions(step.state, n)
     if (
         before.loses_stretch(prm)
@@ -173,14 +174,14 @@ def step_of(
 def begin_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> int:
-    """Change the tensions before the ends move, then try the marching fronts.
+    """Apply the changes of `_pre_step.py`, then try the marching fronts.
 
-    It is the first part of `step`. Return OK, NOT_FINITE, MARCHED or UNSOLVED.
+    This is the first part of `step`. Return OK, NOT_FINITE, MARCHED or UNSOLVED.
     """
     state, new_state, work = step.state, step.new_state, step.work
     whole = new_state[: at.state_size(n)]
     whole[:] = state[: at.state_size(n)]
-    # Until what changes the tensions before the ends move is done, they hold.
+    # The ends do not yield while other changes come before their motion.
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     prepare.expect_yielding(prm, 0.0, 0.0)
     nodes.recall_springs(prm, state)
@@ -262,7 +263,7 @@ def begin_step(
 def solve_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
-    """Find displacements and tensions if `begin_step` returned UNSOLVED."""
+    """Solve a step for which `begin_step` returned UNSOLVED; second part of `step`."""
     state, work = step.state, step.work
     tension, node = _tension_to_move(prm, n, step), at.tensions(step.new_state, n)
     proximal_moved, distal_moved = step.proximal - state[0], step.distal - state[1]
@@ -301,7 +302,7 @@ def solve_step(
 def finish_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
-    """Write the new state from displacements and tensions; last part of `step`."""
+    """Complete the new state from the solution of a step; last part of `step`."""
     state, new_state = step.state, step.new_state
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     tension = _tension_to_move(prm, n, step)

@@ -36,35 +36,38 @@ from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.native import FloatArray, compiled, internal
 
 SCALARS = len(PARAMETERS)
-"""Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
+"""Number of scalar parameters, with which packed parameters begin."""
 (
     BENDS_CHANGE, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, PATH_LENGTHENS,
     YIELD_PROXIMAL, YIELD_DISTAL, CURVED, HELD_PROXIMAL, HELD_DISTAL, RATIO_PROXIMAL,
     RATIO_DISTAL,
 ) = range(SCALARS, SCALARS + 13)  # fmt: skip
-"""Behind them: whether bends may change, the two questions of `_friction.py`, length,
-number of segments inside a conduit, whether the path itself may lengthen, the
-compliance of the supports of the ends [m/N], which nodes soften as they go slack (see
-`_nodes.curvature`), entries 7 and 8 of the state before the step [N], and stretched
-over unstretched length of the rope at both ends, 1 where the path cannot lengthen."""
+"""Indices of the entries behind the scalar parameters.
+
+1 if bends may change; 1 for `is_state_dependent` and for `is_constant_coulomb` of
+`_friction.py`; length of the cable [m]; number of segments inside a conduit; 1 if the
+path may lengthen; compliance of the supports of the ends in the next step [m/N]; result
+of `_nodes.curvature`; entries 7 and 8 of the state before the step [N]; stretched over
+unstretched length of the rope at either end, 1 where the path cannot lengthen.
+"""
 _ROWS_START = SCALARS + 13
 
 STATE_HEADER = 9
-"""Numbers before the tensions."""
+"""Number of entries of a state before the tensions."""
 TIME, TRAVEL, HEAT, HELD_TENSIONS = 4, 5, 6, 7
 _SEGMENT_STATE = 5
 DRUM_LAYERS = 6
-"""Strains that the rope on a drum may have."""
+"""Largest number of layers of different strain on a drum."""
 _DRUM_SIZE = 2 + 2 * DRUM_LAYERS
-_SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
+_SOLVER_WORK = 11  # numbers of scratch per node for `march` and `sweep`
 (
     SHIFT, SLIPPED, GROWTH, GROWTH_PROXIMAL, HOLD_DISTAL, HOLD_PROXIMAL, DRAG,
     VISCOSITY, SPRING, HELD, SPEED,
 ) = range(11)  # fmt: skip
-"""Rows of scratch, one number per segment, behind that: see `row`."""
+"""Rows of scratch behind that of the solvers, one number per segment, see `row`."""
 RELEASED_ENERGY = SPRING
 _STEP_WORK = 11
-# Per node, behind that: `_pre_step.py` and `_nonlinear_elasticity.py`.
+# Rows of scratch behind these, one number per node, see `node_row`.
 _NODE_WORK = 4
 
 
@@ -75,10 +78,9 @@ def state_size(n: int) -> int:
 
 @internal
 def rest_wrap(n: int) -> int:
-    """Return the index in the state of the wrap angle with play in the rest pose [rad].
+    """Return the state's index of `_nodes.wrap_with_play` in the rest pose [rad].
 
-    The entry is negative until it is known: the pose is `qpos0` of a model whose bends
-    have not been measured yet.
+    The entry is negative until the bends of a model's pose `qpos0` are measured.
     """
     return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
 
@@ -147,13 +149,13 @@ def contact_length(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def lengthening(prm: FloatArray, n: int) -> FloatArray:
-    """Return the stretch of every node by its path in the next step (n + 1,) [m]."""
+    """Return the stretch that its path adds to every node next step (n + 1,) [m]."""
     return prm[_ROWS_START + 8 * n + 3 : _ROWS_START + 9 * n + 4]
 
 
 @compiled
 def half_compliance(prm: FloatArray, n: int) -> FloatArray:
-    """Return the compliance of half the contact length of every segment (n,) [m/N]."""
+    """Return the compliance of half of every segment's contact length (n,) [m/N]."""
     return prm[_ROWS_START + 9 * n + 4 : _ROWS_START + 10 * n + 4]
 
 
@@ -167,25 +169,25 @@ def total(values: FloatArray) -> float:
 
 @compiled
 def carried_path(prm: FloatArray, n: int) -> FloatArray:
-    """Return the path length carried across every segment in a step (n,) [m]."""
+    """Return the path length that moves across every segment in a step (n,) [m]."""
     return prm[_ROWS_START + 10 * n + 4 : _ROWS_START + 11 * n + 4]
 
 
 @compiled
 def carried_cable(prm: FloatArray, n: int) -> FloatArray:
-    """Return the unstretched cable carried across every segment in a step (n,) [m]."""
+    """Return the unstretched cable that the path carries along with it (n,) [m]."""
     return prm[_ROWS_START + 11 * n + 4 : _ROWS_START + 12 * n + 4]
 
 
 @compiled
 def clearance_factors(prm: FloatArray, n: int) -> FloatArray:
-    """Return the clearance of every segment over the cable's (n,)."""
+    """Return the factor of every segment on the cable's `clearance` (n,)."""
     return prm[_ROWS_START + 12 * n + 4 : _ROWS_START + 13 * n + 4]
 
 
 @compiled
 def seating_factors(prm: FloatArray, n: int) -> FloatArray:
-    """Return the seating tension of every segment over the cable's (n,)."""
+    """Return the factor of every segment on the cable's `seating_tension` (n,)."""
     return prm[_ROWS_START + 13 * n + 4 : _ROWS_START + 14 * n + 4]
 
 
@@ -245,14 +247,14 @@ def work_size(n: int) -> int:
 
 @internal
 def row(work: FloatArray, n: int, i: int) -> FloatArray:
-    """Return row i of the coefficients (n,) in the scratch memory."""
+    """Return row i of the scratch with one number per segment (n,)."""
     start = _SOLVER_WORK * (n + 1) + i * n
     return work[start : start + n]
 
 
 @internal
 def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
-    """Return row i of the nodes (n + 1,) in the scratch memory."""
+    """Return row i of the scratch with one number per node (n + 1,)."""
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + i * (n + 1)
     return work[start : start + n + 1]
 
@@ -260,9 +262,9 @@ def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
 class Step(NamedTuple):
     """States, scratch and prescribed ends of one step of a cable."""
 
-    state: FloatArray  # before it
-    new_state: FloatArray  # out
-    work: FloatArray  # scratch
-    dt: float  # time since `state` [s]
+    state: FloatArray  # state before the step
+    new_state: FloatArray  # state after it, the result
+    work: FloatArray  # scratch of `work_size`
+    dt: float  # time step [s]
     proximal: float  # displacement [m] or tension [N] of that end after the step
-    distal: float
+    distal: float  # the same of the distal end

@@ -27,22 +27,22 @@ import math
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 MAX_REFINEMENT = 8.0
-"""Times that a segment may be shorter than the mean."""
-
-
+"""Largest density of segments over the mean density."""
 SECTION_SIZE = 4
-"""Numbers of a section: length, bend radius, factors on clearance and its seating."""
+"""Number of fields of a `Section`."""
 
 
 @internal
 def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
-    """Return length [m], wrap [rad], and whether the curvature is constant."""
+    """Return length [m] and wrap angle [rad]; True if segments shall be equal.
+
+    They are if the curvature is constant, or the wrap angle not finite.
+    """
     length, wrap, even = 0.0, 0.0, True
     for s in range(sections.shape[0]):
         length += sections[s, 0]
         wrap += sections[s, 0] / sections[s, 1]
         even = even and sections[s, 1] == sections[0, 1]
-    # Bends so tight that their angle is no number leave nothing to choose by.
     return length, wrap, even or not math.isfinite(wrap)
 
 
@@ -82,16 +82,16 @@ def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
 
 @internal
 def _segment_density(radius: float, length: float, wrap: float, mean: float) -> float:
-    """Return rho at a bend radius, for `length`, `wrap` and `mean` rho of a conduit."""
+    """Return rho at a bend radius [m]; `mean` is the mean of rho, see the module."""
     return float(min(0.5 + 0.5 * length / (radius * wrap), MAX_REFINEMENT * mean))
 
 
 @compiled
 def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) -> None:
-    """Set the wrap angle of every segment: the integral of curvature over it.
+    """Set the wrap angle of every segment, the integral of curvature (n,) [rad].
 
-    `sections` and `edges` are as in `lay_segments`, of any conduit of that length;
-    `angles` (n,) is the result [rad].
+    `sections` (m, 4) are those of a conduit, `edges` (n + 1,) those of the segments on
+    it or on another of the same length [m].
     """
     for j in range(angles.size):
         begin, end = edges[j], edges[j + 1]
@@ -113,10 +113,10 @@ def share_clearance(
     clearance: FloatArray,
     seating: FloatArray,
 ) -> None:
-    """Set the factors of every segment (n,) on clearance and on its seating tension.
+    """Set `clearance_factors` and `seating_factors` of every segment (n,).
 
-    `angles` are those of `segment_wraps`. In a segment over several sections the play
-    of the taut and the compliance of the slack cable are the sums of theirs.
+    `angles` are those of `segment_wraps`. A segment over several sections has the sum
+    of their play and of their compliance at no tension.
     """
     for j in range(angles.size):
         begin, end = edges[j], edges[j + 1]

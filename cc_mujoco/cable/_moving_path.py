@@ -35,10 +35,10 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, compiled, inlined, internal
 
 _MAX_NODE_SHARE = 0.5
-"""Part of a node's cable that a step may take out of it."""
+"""Largest part of a node's cable that a step may take out of it."""
 _MAX_ROUNDS = 6
 _FLOW_TOLERANCE = 1e-15
-"""Flow that is rounding [m]."""
+"""Length of path moved in a step up to which it is rounding [m]."""
 
 
 @internal
@@ -73,11 +73,10 @@ def strain_energy(prm: FloatArray, ratio: float) -> float:
 
 @inlined
 def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
-    """Return the slip along the surface per unstretched slip of a segment.
+    """Return the slip along the surface over the unstretched slip of a segment.
 
-    It is 1 where the path cannot lengthen. The heat of slip is that length times the
-    tension difference, see the module. `proximal`, `distal` are the segment's tensions
-    [N].
+    It is 1 where the path cannot lengthen. The heat of slip is the slip along the
+    surface times the difference of the segment's tensions `proximal`, `distal` [N].
     """
     if prm[at.PATH_LENGTHENS] == 0.0:
         return 1.0
@@ -107,10 +106,11 @@ def _carried_length(
     flow: float,
     ratio: float,
 ) -> float:
-    """Return the unstretched length that moving path carries from node j on [m].
+    """Return the unstretched length that the path carries from node j to j + 1 [m].
 
-    `flow` is the length of path [m], negative towards node j; `ratio` is stretched over
-    unstretched length at the node that it leaves.
+    Of the path `flow` [m] moves, back if negative. The nodes (n + 1,) have `tension`
+    [N] and `length` of path [m]; `ratio` is the stretch ratio of the one that it
+    leaves.
     """
     if abs(flow) <= _FLOW_TOLERANCE:
         return 0.0
@@ -140,13 +140,13 @@ def carry(
     was: FloatArray,
     bends: FloatArray,
 ) -> bool:
-    """Move a packed cable to another path; return whether a step depends on the change.
+    """Move a packed cable to another path; return whether its parameters changed.
 
-    `PATH_LENGTHENS` is set, and the angles of the segments are those of the new path.
-    The nodes (n + 1,) have `tension` before the step [N] and length of path `before`
-    and `now` [m]. `gained` is by how much each path would be longer if nothing slipped
-    [m]; its sum is the change in length. `was` and `bends` (n,) are the angles of the
-    segments that the route bends, before and now [rad].
+    `PATH_LENGTHENS` is set, and the packed wrap angles are those of the new path. The
+    nodes (n + 1,) have `tension` before the step [N] and lengths of path `before` and
+    `now` [m]. `gained` is the growth of each if no path moved across a segment [m]; its
+    sum is the change in length. `was` and `bends` (n,) are the wrap angles of segments
+    that a route bends, before and now [rad].
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
@@ -192,7 +192,7 @@ def carry(
 
 @internal
 def _bend_of_slack(length: float, ratio: float) -> float:
-    """Return by how much a slack node is shorter than its tangent at tension 0 [m].
+    """Return the unstretched length of a slack node beyond its linear law at T = 0 [m].
 
     `length` is that of its path [m], `ratio` its stretched over unstretched length.
     """
@@ -203,9 +203,9 @@ def _bend_of_slack(length: float, ratio: float) -> float:
 def _tension_by_law(
     prm: FloatArray, n: int, i: int, before: float, after: float
 ) -> float:
-    """Return the tension of a node with bedding, a spring or clearance [N].
+    """Return the tension of node i with bedding, spring or clearance by its law [N].
 
-    `before` is that before the step, `after` the linear solution [N].
+    `before` is the tension before the step, `after` that of the linear solution [N].
     """
     start, rope = stretch_ratio(prm, before), at.node_length(prm, n)[i]
     moved = nodes.stretch_between(prm, n, i, before, after)
@@ -232,7 +232,7 @@ def _tension_by_law(
 def apply_material_law(
     prm: FloatArray, n: int, before: FloatArray, after: FloatArray
 ) -> None:
-    """Replace tensions `after` a linear step by the material law's, in place [N].
+    """Replace node tensions `after` a linear step [N] by those of the material law.
 
     `before` (n + 1,) are the tensions of the nodes before the step [N].
     """
@@ -256,9 +256,9 @@ def apply_material_law(
 def set_unstretched_lengths(
     prm: FloatArray, n: int, tension: FloatArray, length: FloatArray
 ) -> None:
-    """Set the unstretched lengths of a packed cable's nodes, for energy and slack.
+    """Set a packed cable's nodes to their unstretched lengths, for energy and slack.
 
-    `tension` [N] and `length` of path [m] are those of the state (n + 1,).
+    The nodes (n + 1,) have this `tension` [N] and `length` of path [m].
     """
     own = at.node_length(prm, n)
     prm[at.RATIO_PROXIMAL] = prm[at.RATIO_DISTAL] = 1.0

@@ -33,7 +33,7 @@ def is_curved_node(prm: FloatArray, n: int, i: int) -> bool:
 
 @internal
 def curvature(values: FloatArray) -> float:
-    """Return the entry `CURVED` of packed parameters: 2 all nodes, 1 ends, 0 none."""
+    """Return 2 if the stiffness of all nodes depends on tension, 1: of ends, or 0."""
     if values[PLACE.bedding_strain] > 0.0 or values[PLACE.clearance] > 0.0:
         return 2.0
     return 1.0 if is_soft(values, 0) or is_soft(values, 1) else 0.0
@@ -49,7 +49,7 @@ def is_soft(values: FloatArray, end: int) -> bool:
 
 @internal
 def spring_compliance(values: FloatArray, end: int) -> float:
-    """Return the compliance of an end's spring at no tension [m/N]; 1 is distal."""
+    """Return the compliance of the spring at an end (0, 1) at no tension [m/N]."""
     return float(
         values[PLACE.end_compliance if end == 1 else PLACE.proximal_compliance]
     )
@@ -57,16 +57,13 @@ def spring_compliance(values: FloatArray, end: int) -> float:
 
 @internal
 def linear_compliance(values: FloatArray, end: int) -> float:
-    """Return the compliance of the spring at an end [m/N], 0 where it is not linear."""
+    """Return the compliance of the linear spring at an end (0, 1), or 0 [m/N]."""
     return 0.0 if is_soft(values, end) else spring_compliance(values, end)
 
 
 @internal
 def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
-    """Return node i as a `Piece`; its end spring is that before the step.
-
-    Where the path lengthens, the spring is one of unstretched rope, as the node.
-    """
+    """Return node i as a `Piece`, with T_held of its end spring before the step."""
     ratio = prm[at.RATIO_DISTAL if i == n else at.RATIO_PROXIMAL]
     held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
     return _held_piece(prm, n, i, held, ratio)
@@ -74,10 +71,7 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
 
 @internal
 def given_way(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Return the displacement in end springs and clearance at node i [m].
-
-    Its end spring is that before the step.
-    """
+    """Return the stretch of end spring and clearance at node i, before the step [m]."""
     held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
     own = _held_piece(prm, n, i, held, 1.0)
     return elastic.given_way(own, tension) + tension * end_spring(prm, n, i)
@@ -93,7 +87,7 @@ def giving_slope(prm: FloatArray, n: int, i: int, tension: float) -> float:
 
 @internal
 def piece_now(prm: FloatArray, n: int, state: FloatArray, i: int) -> elastic.Piece:
-    """Return node i as a `Piece`; its end spring is that of `state`."""
+    """Return node i as a `Piece`, with T_held of its end spring in `state`."""
     return _held_piece(prm, n, i, state[at.HELD_TENSIONS + (1 if i == n else 0)], 1.0)
 
 
@@ -109,7 +103,10 @@ def end_spring(prm: FloatArray, n: int, i: int) -> float:
 def _held_piece(
     prm: FloatArray, n: int, i: int, held: float, ratio: float
 ) -> elastic.Piece:
-    """Return node i with a soft end spring of T_held [N], its stretch over `ratio`."""
+    """Return node i as a `Piece`, its soft end spring with T_held = `held` [N].
+
+    The compliance of that spring is divided by `ratio`.
+    """
     length, taut = at.node_length(prm, n)[i], at.node_compliance(prm, n)[i]
     play, seating = 0.0, prm[PLACE.seating_tension]
     if prm[PLACE.clearance] > 0.0:
@@ -125,9 +122,10 @@ def _held_piece(
 def node_play(
     prm: FloatArray, n: int, angles: FloatArray, i: int
 ) -> tuple[float, float]:
-    """Return the play of node i in bends of these angles [m], and T_c of it [N].
+    """Return final stretch of clearance at node i [m] and its T_c [N].
 
-    Halves of two segments have the sum of their plays and of their slack compliances.
+    `angles` (n,) are wrap angles [rad]. The node has half of either segment beside it,
+    with the sum of their play and of their compliance at no tension.
     """
     clearance, seating = at.clearance_factors(prm, n), at.seating_factors(prm, n)
     turn, eased = 0.0, 0.0
@@ -154,7 +152,7 @@ def wrap_with_play(prm: FloatArray, n: int, angles: FloatArray) -> float:
 def seated_at(
     prm: FloatArray, n: int, angles: FloatArray, i: int, tension: float
 ) -> float:
-    """Return the play that a tension takes at node i in bends of these angles [m]."""
+    """Return the stretch of clearance at node i in these bends and tension [m]."""
     play, seating = node_play(prm, n, angles, i)
     return play * tension / (max(tension, 0.0) + seating)
 
@@ -163,7 +161,7 @@ def seated_at(
 def seated_stretch(
     prm: FloatArray, n: int, angles: FloatArray, tension: float
 ) -> float:
-    """Return the play that a uniform tension takes in bends of these angles [m]."""
+    """Return the stretch of all clearance in these bends at a uniform tension [m]."""
     total = 0.0
     for i in range(n + 1 if prm[PLACE.clearance] > 0.0 else 0):
         total += seated_at(prm, n, angles, i, tension)
@@ -175,10 +173,10 @@ def _piece(
     prm: FloatArray, taut: float, length: float, play: float, seating: float, end: int,
     held: float, ratio: float,
 ) -> elastic.Piece:  # fmt: skip
-    """Return a `Piece` of cable of this compliance [m/N], length and play [m].
+    """Return a `Piece` with this compliance [m/N], length and final clearance [m].
 
     `seating` is its T_c [N]. The soft spring at its `end` (0, 1; -1: none) has T_held =
-    `held` [N], and its stretch is divided by `ratio`.
+    `held` [N]; its compliance is divided by `ratio`.
     """
     spring, hardening, loss = 0.0, 0.0, 0.0
     if end == 1:
@@ -202,7 +200,7 @@ def recall_springs(prm: FloatArray, state: FloatArray) -> None:
 
 @internal
 def rest_springs(prm: FloatArray, n: int, state: FloatArray) -> None:
-    """Set T_held of both end springs in the state, as after loading."""
+    """Set T_held of both soft end springs in a state to their tensions at rest."""
     tension = at.tensions(state, n)
     state[at.HELD_TENSIONS] = max(tension[0], 0.0) if is_soft(prm, 0) else 0.0
     state[at.HELD_TENSIONS + 1] = max(tension[n], 0.0) if is_soft(prm, 1) else 0.0
@@ -210,7 +208,7 @@ def rest_springs(prm: FloatArray, n: int, state: FloatArray) -> None:
 
 @internal
 def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Update T_held of both end springs by the new tensions; return the heat [J]."""
+    """Update T_held of both soft end springs for a new state; return the heat [J]."""
     tension, heat = at.tensions(state, n), 0.0
     for end in range(2):
         if is_soft(prm, end):
@@ -233,7 +231,7 @@ def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
 
 @internal
 def set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack stiffness and compliance of a taut node, with its linear springs."""
+    """Pack stiffness and compliance of node i if taut, with its linear springs."""
     spring = 0.0
     if i == n:
         spring = linear_compliance(prm, 1) / prm[at.RATIO_DISTAL]
@@ -316,7 +314,7 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
 def rest_stretch(prm: FloatArray, n: int, wrap: float, tension: float) -> float:
     """Return the stretch of cable and end springs at a uniform tension [m].
 
-    `wrap` is the sum of its bends [rad], times `clearance_factors`, of one T_c.
+    `wrap` is that of `wrap_with_play` [rad]; all clearance has the T_c of segment 0.
     """
     springs = linear_compliance(prm, 1) + linear_compliance(prm, 0)
     taut = prm[at.LENGTH] / prm[PLACE.axial_stiffness] + springs
@@ -328,14 +326,14 @@ def rest_stretch(prm: FloatArray, n: int, wrap: float, tension: float) -> float:
 
 @internal
 def rest_spring_stretch(prm: FloatArray, tension: float) -> float:
-    """Return the stretch of the springs at both ends, loaded to a tension [m]."""
+    """Return the stretch of all springs at the ends, loaded to a tension [m]."""
     linear = linear_compliance(prm, 0) + linear_compliance(prm, 1)
     return linear * tension + soft_rest_stretch(prm, tension)
 
 
 @internal
 def soft_rest_stretch(prm: FloatArray, tension: float) -> float:
-    """Return the stretch of nonlinear end springs, loaded to a tension [m]."""
+    """Return the stretch of soft springs at the ends, loaded to a tension [m]."""
     total = 0.0
     for end in range(2):
         if is_soft(prm, end):
@@ -392,6 +390,5 @@ def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
         j = n - 1 - i if distal else i
         if i < n and (hold[j] > 1.0 or drag[j] > 0.0):
             return float(1.0 / compliance)
-    # Nothing holds: one spring between both ends, which two equal masses find twice as
-    # stiff as it is.
+    # Nothing holds: of a spring between two equal masses each has one half.
     return float(2.0 / compliance)

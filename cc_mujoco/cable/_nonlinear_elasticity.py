@@ -1,9 +1,9 @@
-"""Step of a cable with nonlinear (bedding) elasticity: iterate with secant stiffness.
+"""Step of a cable whose stiffness depends on tension: iterate with secants, compiled.
 
 Both solvers of a step are for linear springs. Here each stiffness is the secant between
-the tensions before and after the step, found by iteration. The march takes it from the
-compliance between two tensions, in closed form. The graph, which also passes through
-slack, takes it from the stretch. Compiled, without allocation.
+the tensions before and after the step, found by iteration: for the march from the
+compliance between two tensions, for the graph, which may pass through slack, from the
+stretch.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
 
 LINEARIZATION_TOLERANCE = 1e-5
-"""Error of a tension, of the largest one, up to which a straight line will do."""
-# Rows of scratch: the line of every node, half of every segment.
+"""Error of a tension over the largest one up to which secants have converged."""
+# Rows of scratch: secant of every node, compliance of half of every segment.
 _LINE_ROW, _HALF_ROW = 1, 2
 
 
@@ -39,7 +39,7 @@ def tangent_stiffness(
 def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -> bool:
     """Solve one step by rounds of `_fronts.march`; return whether they converged.
 
-    Return False if the march does not apply.
+    They have not if the march does not apply.
     """
     proximal, distal = step.proximal - step.state[0], step.distal - step.state[1]
     work, node = step.work, at.tensions(step.new_state, n)
@@ -86,7 +86,8 @@ def relinearize(
 ) -> bool:  # fmt: skip
     """Set the stiffness of nodes to the secants; return whether they converged.
 
-    `tension` (n + 1,) [N] is that before the step; an end is held if it is prescribed.
+    `tension` (n + 1,) [N] is that before the step. A held end has its tension
+    prescribed, so its node keeps its stiffness.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     stiffness, shift = at.node_row(work, n, _LINE_ROW), at.row(work, n, at.SHIFT)

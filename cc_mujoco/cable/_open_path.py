@@ -50,30 +50,34 @@ from cc_mujoco.native import FloatArray, compiled, internal
     _CONTACT, _EXTENT, _LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE, _TOUCH_POINT,
     _TOUCH_DIRECTION, _ROWS,
 ) = 1, 2, 3, 4, 5, 6, 7, 10, 13  # fmt: skip
-"""Rows of a shape, for every node; those of a span are at its first node. From
-`_LENGTH` on they are remembered: length of the node, length of the span, what is
-touched, length before the geom, and, in the frame of the geom, place of the point
-touched first and direction in which the path arrives there. How many there are."""
+"""Rows of a shape, n + 1 numbers each; row 0 has the wrap angles of the segments.
+
+Contact length of each segment [m]; at the first node of a span the number of its nodes.
+Saved with the state: length of each node [m]; at the first node of a span its length
+[m], kind of geom touched, length before it [m], and in the frame of the geom the point
+touched first and the direction of the path there. `_ROWS` is the number of rows.
+"""
 _BEND, _PLAY_FACTOR, _SEATING_FACTOR = _TOTAL, _TOUCH_POINT, _TOUCH_POINT + 1
-"""Rows that in a conduit have the angle of segments that the route bends [rad], and, of
-the reference, the factors on clearance."""
+"""Rows of other use inside a conduit: wrap angle of segments that the route bends
+[rad]; in the reference also `clearance_factors` and `seating_factors`."""
 _AS_REFERENCE, _NOT_TOUCHING, _STRAIGHT = 0.0, -1.0, 1.0
-"""Values that `_TOUCH` may have, beside `SPHERE` and `CYLINDER`."""
+"""Values of `_TOUCH` if no geom is touched: none saved yet, one beside the path, none
+in the span."""
 ROLLING = -1.0
 """Radius that stands for a guide that turns with the cable, without friction."""
 MIN_NODE_LENGTH = 1e-6
-"""Length added to the path of every node, as none may have length 0 [m]."""
+"""Length that is added to the path of every node, so that none is 0 [m]."""
 
 
 @compiled
 def shape_size(n: int) -> int:
-    """Return the size of the result `shape` of `measure`, with n segments."""
+    """Return the number of entries of a `shape`, the result of `measure`."""
     return _ROWS * (n + 1)
 
 
 @compiled
 def memory_size(n: int) -> int:
-    """Return the size of the path memory in the state, with n segments."""
+    """Return the number of entries of a `memory`, the rows saved with a state."""
     return (_ROWS - _LENGTH) * (n + 1)
 
 
@@ -109,17 +113,17 @@ def _store_vector(shape: FloatArray, n: int, row: int, j: int, v: Point) -> None
 
 @internal
 def fewest_segments(number: int, mouth: int) -> int:
-    """Return the least number of segments that a path of `number` places needs.
+    """Return the least number of segments behind the `mouth` of a path.
 
-    `mouth` is the index of the site where the conduit ends, 0 if all is open.
+    It has `number` places; the conduit ends at place `mouth`, 0 if all is open.
     """
-    # Each geom, and each site but the last; the first one too where it is a mouth.
+    # One for each geom and site but the last, and but the first unless it is a mouth.
     return number - mouth - (1 if mouth > 0 else 2)
 
 
 @internal
 def _part_size(total: int, parts: int, i: int) -> int:
-    """Return the size of part i if `total` is divided into near-equal whole parts."""
+    """Return the size of part i of `total` divided into near-equal whole parts."""
     return total // parts + (1 if i < total % parts else 0)
 
 
@@ -135,10 +139,10 @@ def _angle(a: Point, b: Point) -> float:
 def _surface_travel(
     touch: float, first: Point, u: Point, last: Point, v: Point
 ) -> float:
-    """Return the path length that a moving surface carries away from a piece [m].
+    """Return the length of path that a geom's surface takes along from a piece [m].
 
-    The path touched the surface at `first`, along direction u, and now does at `last`
-    along v; all are in the frame of the geom.
+    The piece first touched the geom, of kind `touch`, at `first` in direction u and
+    now does at `last` in direction v, all in the frame of the geom.
     """
     p, q, axis = first, last, Point(0.0, 0.0, 1.0)
     along = 0.0
@@ -169,11 +173,10 @@ def measure(
 ) -> float:
     """Measure the open part of a path; return its length from the mouth on [m].
 
-    For `places` see `_path_geometry.py`. The first and the last are sites, and so is
-    the `mouth`, at which the conduit of `guided` of the `n` segments ends; 0: no
-    conduit. `guides` of places behind the mouth are 0 where nothing is given,
-    `ROLLING`, or the radius of a site [m]. The result is `shape`, of `shape_size(n)`,
-    for the segments and nodes behind the conduit.
+    The path has `number` of `places`, see `_path_geometry.py`; the first, the last and
+    place `mouth` are sites. There the conduit of `guided` of the `n` segments ends; 0:
+    no conduit. `guides` have for each place behind the mouth 0, `ROLLING` or the radius
+    of a guide [m]. The result is `shape` of `shape_size(n)`, but for the conduit.
     """
     first = max(mouth, 1)  # place of the first guide
     reach, wraps = 0.0, 0  # geoms behind the mouth
@@ -261,7 +264,7 @@ def measure(
 
 @internal
 def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> float:
-    """Return the largest stiffness of a straight piece, from nodes (n + 1,) [N/m]."""
+    """Return the largest `stiffness` (n + 1,) of a node at an end of a span [N/m]."""
     extent, most, j = _row(shape, n, _EXTENT), 0.0, 0
     while j <= n:
         size = int(extent[j])
@@ -281,7 +284,10 @@ def save_path(shape: FloatArray, n: int, memory: FloatArray) -> None:
 def _previous_value(
     reference: FloatArray, memory: FloatArray, n: int, j: int, row: int
 ) -> float:
-    """Return an entry of the path as remembered at node j, see `lengthen`."""
+    """Return an entry of `memory` at node j; where 0, as after a reset, of `reference`.
+
+    `row` is that of a shape, from `_LENGTH` on.
+    """
     at = (row - _LENGTH) * (n + 1) + j
     if memory[(_TOUCH - _LENGTH) * (n + 1) + j] == _AS_REFERENCE:
         return float(reference[_LENGTH * (n + 1) + at])
@@ -290,7 +296,7 @@ def _previous_value(
 
 @internal
 def previous_lengths(reference: FloatArray, memory: FloatArray, n: int) -> FloatArray:
-    """Return the remembered path length of the nodes (n + 1,) [m], see `lengthen`."""
+    """Return lengths of path of the nodes in `memory` (n + 1,) [m], see `lengthen`."""
     return _previous_row(reference, memory, n, _LENGTH)
 
 
@@ -298,7 +304,7 @@ def previous_lengths(reference: FloatArray, memory: FloatArray, n: int) -> Float
 def _previous_row(
     reference: FloatArray, memory: FloatArray, n: int, row: int
 ) -> FloatArray:
-    # Every node has a length, unless nothing is remembered yet.
+    # Every node has a length, unless nothing is saved yet.
     if memory[0] == 0.0:
         return _row(reference, n, row)
     return _row(memory, n, row - _LENGTH)
@@ -326,7 +332,7 @@ def _vector(shape: FloatArray, n: int, j: int, row: int) -> Point:
 def path_growth(
     shape: FloatArray, reference: FloatArray, memory: FloatArray, n: int
 ) -> float:
-    """Return the growth of the path since `memory` was written [m]."""
+    """Return the growth of the path since `memory` was saved [m], see `lengthen`."""
     extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
     grown, j = 0.0, 0
     while j <= n:
@@ -345,10 +351,10 @@ def lengthen(
     n: int,
     gained: FloatArray,
 ) -> None:
-    """Set `gained` (n + 1,) to the lengthening of the path at nodes [m].
+    """Set `gained` (n + 1,) to the growth of the path at every node since `memory` [m].
 
-    It is that since the `memory` of a state. `shape` is the path now, `reference` that
-    in the pose `qpos0`, which counts where `memory` is 0, as after a reset.
+    `shape` is the path now, `memory` what is saved of it with a state. Where that is 0,
+    as after a reset, `reference` counts, the path in the pose `qpos0`.
     """
     gained[:] = 0.0
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
@@ -384,17 +390,15 @@ def lengthen(
 def store_conduit(
     inside: FloatArray, reference: FloatArray, n: int, guided: int
 ) -> None:
-    """Copy the mesh of a conduit, packed by itself as `inside`, to `reference`.
+    """Copy the mesh of a conduit of `guided` segments to the `reference` of a path.
 
-    It has as many segments as `guided`.
+    `inside` are the packed parameters of a cable in that conduit alone.
     """
     angles(reference, n)[:guided] = at.segment_angles(inside, guided)
     contacts(reference, n)[:guided] = at.contact_length(inside, guided)
     lengths(reference, n)[: guided + 1] = at.node_length(inside, guided)
-    play, seating = (
-        _row(reference, n, _PLAY_FACTOR),
-        _row(reference, n, _SEATING_FACTOR),
-    )
+    play = _row(reference, n, _PLAY_FACTOR)
+    seating = _row(reference, n, _SEATING_FACTOR)
     play[:guided] = at.clearance_factors(inside, guided)
     seating[:guided] = at.seating_factors(inside, guided)
 
@@ -403,10 +407,10 @@ def store_conduit(
 def pack_reference(
     values: FloatArray, n: int, guided: int, reference: FloatArray, prm: FloatArray
 ) -> None:
-    """Set `prm` to the packed parameters of a cable on an open path at `qpos0`.
+    """Pack a cable on an open path, in the pose `qpos0`, to `prm`.
 
     `values` are in the order of `PARAMETERS`, `guided` is as in `measure`, and
-    `reference` the path in that pose, with its conduit.
+    `reference` is the shape in that pose, with its conduit.
     """
     at.segment_angles(prm, n)[:] = angles(reference, n)
     at.contact_length(prm, n)[:] = contacts(reference, n)
@@ -428,7 +432,7 @@ def pack_reference(
 
 @internal
 def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) -> None:
-    """Copy the mesh of the conduit from `reference` to `shape`."""
+    """Copy the mesh of the conduit, of `guided` segments, to `shape`."""
     angle, contact, length = angles(shape, n), contacts(shape, n), lengths(shape, n)
     own_angle, own_contact = angles(reference, n), contacts(reference, n)
     own_length = lengths(reference, n)
@@ -440,7 +444,7 @@ def keep_conduit(shape: FloatArray, reference: FloatArray, n: int, guided: int) 
 
 @internal
 def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
-    """Copy the angles of `guided` segments to the row that is saved with the state."""
+    """Copy the wrap angles of `guided` segments to a row that is saved with states."""
     kept, angle = _row(shape, n, _BEND), angles(shape, n)
     for j in range(guided):
         kept[j] = angle[j]
@@ -448,7 +452,7 @@ def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
 
 @internal
 def bends_of(shape: FloatArray, n: int) -> FloatArray:
-    """Return the saved angles of segments (n,) [rad], 0 where the conduit is fixed."""
+    """Return the row of `remember_bends` [rad], 0 where the route does not bend."""
     return _row(shape, n, _BEND)
 
 
@@ -462,10 +466,10 @@ def lay(
     memory: FloatArray,
     gained: FloatArray,
 ) -> bool:
-    """Move a packed cable to a path; return whether a step depends on the change.
+    """Move a packed cable to the path `shape`; return whether its parameters changed.
 
-    `memory` is that of the `state`, `shape` and `reference` the path now and in the
-    pose `qpos0`. `gained` is scratch (n + 1,).
+    `memory` is that of `state`, `reference` the shape in the pose `qpos0`; `gained`
+    becomes the growth of the path at every node (n + 1,) [m].
     """
     tension = at.tensions(state, n)
     nodes.recall_springs(prm, state)
@@ -492,18 +496,15 @@ def pull_forces(
     aside: int,
     forces: FloatArray,
 ) -> None:
-    """Compute the forces of the pieces on the points where they begin.
+    """Compute the forces of the pieces of a path on the points where they begin.
 
-    Each piece pulls the body at its end with the opposite force. `number` places,
-    `mouth`, `shape` and `guided` are those of `measure`, `node` the tensions [N],
-    negative where slack. `tied` is the force along the whole tendon that MuJoCo applies
-    [N], positive where it lengthens the tendon; it is subtracted. A piece without
-    length, and so direction, pulls along the axis `aside` of the world, or not (-1).
+    The point where a piece ends gets the opposite force. Arguments up to `guided` are
+    as in `measure`; `node` are tensions [N], negative where slack. `tied` is the force
+    along the whole tendon that MuJoCo applies [N], positive if it lengthens it, which
+    is subtracted. A piece without length pulls along axis `aside` of the world; -1: no.
 
-    The result is `forces` (6 * (number - 1),) [N], for each place but the last: at the
-    site, towards the geom that is touched or else the next site; and, for a geom that
-    is touched, in the entry of the site behind it, the force where the path leaves the
-    geom.
+    `forces` (6 * (number - 1),) [N] get two vectors for each place but the last: of the
+    piece that begins at this site, and, if it ends at a geom, of that behind the geom.
     """
     extent = _row(shape, n, _EXTENT)
     for i in range(6 * (number - 1)):
@@ -539,7 +540,7 @@ def pull_forces(
 def _store_pull(
     forces: FloatArray, i: int, first: Point, second: Point, tension: float, aside: int
 ) -> None:
-    """Write the force with which a piece pulls its first point to its second."""
+    """Write the force [N] of a piece on its first point, towards its second."""
     d, length = direction_to(first, second)
     if length <= geometry.MIN_PIECE_LENGTH:
         d = Point(float(aside == 0), float(aside == 1), float(aside == 2))

@@ -54,11 +54,11 @@ def _update_for_lengths(prm: FloatArray, n: int) -> None:
 
 @compiled
 def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
-    """Let the ends of a packed cable move with their tensions in the next step.
+    """Let the ends of a packed cable yield to their tensions in the next step.
 
-    Each end has its prescribed displacement only at the tension before the step. Per
-    change of tension it moves further into the cable by `proximal` and `distal` [m/N].
-    The new state has the displacement reached. The ends must be driven by position.
+    Per change of its tension in the step an end moves from its prescribed displacement
+    into the cable, by `proximal` and `distal` [m/N]. The new state has the displacement
+    reached. Both ends must be driven by position.
     """
     prm[at.YIELD_PROXIMAL] = proximal
     prm[at.YIELD_DISTAL] = distal
@@ -75,9 +75,9 @@ def expect_change(prm: FloatArray) -> None:
 
 @compiled
 def expect_lengthening(prm: FloatArray) -> None:
-    """Mark a packed cable so that each step first takes up its path's lengthening.
+    """Allow the path of a packed cable to lengthen before every step.
 
-    Call `_moving_path.carry` before each step, and `expect_change` too.
+    Call `expect_change` too, and `_moving_path.carry` before each step.
     """
     prm[at.PATH_LENGTHENS] = 1.0
 
@@ -145,7 +145,8 @@ def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
 
 
 @internal
-def _differ(one: FloatArray, other: FloatArray, n: int) -> bool:
+def differ(one: FloatArray, other: FloatArray, n: int) -> bool:
+    """Return whether the first n entries of two arrays differ."""
     j = 0
     while j < n and one[j] == other[j]:
         j += 1
@@ -154,12 +155,9 @@ def _differ(one: FloatArray, other: FloatArray, n: int) -> bool:
 
 @internal
 def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) -> bool:
-    """Set wrap angles [rad] and contact lengths [m] of the segments, (n,) each.
-
-    Return whether any has changed.
-    """
+    """Set wrap angles [rad], contact lengths [m] (n,); return whether any changed."""
     angle, contact = at.segment_angles(prm, n), at.contact_length(prm, n)
-    bends, contact_changed = _differ(angles, angle, n), _differ(contacts, contact, n)
+    bends, contact_changed = differ(angles, angle, n), differ(contacts, contact, n)
     angle[:], contact[:] = angles, contacts
     if contact_changed:
         _update_for_lengths(prm, n)
@@ -170,7 +168,7 @@ def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) 
 
 @internal
 def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> None:
-    """Set the stretch of a cable at rest in bends of these angles (n,) [rad]."""
+    """Set the stretch in `state` of a cable at rest in these bends (n,) [rad]."""
     rest = prm[PLACE.pretension]
     state[3] = nodes.rest_stretch(prm, n, 0.0, rest)
     state[3] += nodes.seated_stretch(prm, n, angles, rest)

@@ -22,23 +22,23 @@ from typing import Any, Literal, NamedTuple
 from cc_mujoco.errors import CableError, look_up, shown
 
 ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
-"""Target of a term: friction in proportion to tension and wrap angle, friction that
-needs no tension, stretch (of the cable, its end or its contacts), or how the proximal
-pulley winds the cable."""
+"""Part of the cable's laws that a term changes: coefficient of Coulomb friction,
+friction that needs no tension, stretch of the cable, its ends or its contacts, or the
+winding on the proximal pulley."""
 
 Dependence = Literal["rate", "history", "direction", "load", "time", "place"]
-"""Cause of a term's changes while a cable runs; a term without any is constant."""
+"""Quantity on which a term depends; a term without any is constant."""
 
 
 class Term(NamedTuple):
-    """Law that a parameter switches on; while the parameter is 0 it changes no bit.
+    """Part of the cable's laws that a parameter switches on by not being 0.
 
     Attributes:
         equation: the law.
         source: publication, or the mechanism that it describes.
-        acts_on: part of the cable's law that the term changes.
-        depends_on: quantities that the change depends on; empty if constant.
-        constant_without: parameter without which, too, the term is constant.
+        acts_on: part of the laws that the term changes.
+        depends_on: quantities on which it depends; empty if constant.
+        constant_without: another parameter that makes the term constant if it is 0.
     """
 
     equation: str
@@ -63,7 +63,7 @@ class Parameter:
     high: float = math.inf
     low_open: bool = False
     default: float = math.nan
-    """Value where none is given; NaN if one must be."""
+    """Value if none is given; NaN if it must be given."""
     scale: Literal["linear", "log"] = "linear"
     """Scale on which it is varied and fitted; positive numbers only for `"log"`."""
     source: str = ""
@@ -94,11 +94,11 @@ class Parameter:
         return f"{kind} in {self.span}{unit}"
 
     def admits(self, value: Any) -> bool:
-        """Return whether a value is a number within the bounds, integral if required.
+        """Return whether a value is a number within the bounds, integral if `whole`.
 
         Truth values and arrays are not admitted, though they compare as numbers.
         """
-        # Only the first question takes no time.
+        # A check for `Real` takes much longer than one for `float`.
         is_number = isinstance(value, float) or isinstance(value, Real)
         if not is_number or isinstance(value, bool):
             return False
@@ -114,7 +114,7 @@ class Parameter:
             label: subject of the error; by default the name.
 
         Raises:
-            CableError: it is something else or out of bounds.
+            CableError: it is not.
         """
         if not self.admits(value):
             raise self._refusal(value, label)

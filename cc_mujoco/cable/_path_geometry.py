@@ -24,15 +24,15 @@ from typing import NamedTuple
 from cc_mujoco.native import FloatArray, inlined, internal
 
 KIND, TOUCHED, FIRST, LAST, CENTRE, AXES, PLACE_SIZE = 0, 1, 2, 5, 8, 11, 20
-"""Numbers of a place: what it is; whether the path touches it, of a geom; where that
-begins, the point of a site; where it ends; centre and three axes of the geom. How many
-they are."""
+"""Indices in a place: its kind; of a geom, 1 if the path touches it; point of a site,
+or where the path first touches the geom; where it leaves the geom; centre and three
+axes of the geom. `PLACE_SIZE` is the number of entries."""
 SITE, SPHERE, CYLINDER = 0.0, 2.0, 3.0
 """Kinds of a place."""
 MIN_PIECE_LENGTH = 1e-9
-"""Pieces of the path below this length have no direction [m]."""
+"""Length of a piece up to which it has no direction [m]."""
 _MIN_ARC_ANGLE = -1e-6
-"""An arc's angle above this is 0 with rounding, not almost a full turn [rad]."""
+"""Angle of an arc above which a negative one is a rounded 0, not a full turn [rad]."""
 
 
 class Point(NamedTuple):
@@ -100,9 +100,9 @@ def angle_between(a: Point, b: Point) -> float:
 
 @internal
 def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
-    """Return the length [m] and turning angle [rad] of the path around a geom.
+    """Return length [m] and turning angle [rad] of the path around the geom of place k.
 
-    The path meets the geom of place k in direction d.
+    The path arrives there in direction d.
     """
     p, q = place_vector(places, k, FIRST), place_vector(places, k, LAST)
     c = place_vector(places, k, CENTRE)
@@ -134,12 +134,12 @@ def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
 
 
 class _Bent(NamedTuple):
-    """Segments of a conduit along a path, and their wrap angles so far."""
+    """Segments of a conduit that is laid along a path."""
 
-    angles: FloatArray  # out
-    lengths: FloatArray
-    n: int
-    scale: float  # metres of segments per metre of path
+    angles: FloatArray  # wrap angle of each segment so far (n,) [rad]
+    lengths: FloatArray  # length of each segment (n,) [m]
+    n: int  # number of segments
+    scale: float  # length of the conduit over length of the path
 
 
 @inlined
@@ -148,8 +148,8 @@ def _distribute_angle(
 ) -> tuple[int, float]:
     """Spread an angle [rad] evenly over the path from `begin` to `end` [m].
 
-    What lies outside the conduit goes to its nearest end. Segment j, which ends at
-    `stop` [m], is the first that is reached. Return both for the next part of the path.
+    Angle outside of the conduit goes to its nearest segment. The search begins at
+    segment j, which ends at `stop` [m]; return both of the last segment reached.
     """
     last, here, until, left = bent.n - 1, j, stop, angle
     a = max(begin * bent.scale, 0.0)
@@ -178,8 +178,8 @@ def bend(
 ) -> None:
     """Set the wrap angle `out` (n,) of each segment of a conduit along a path [rad].
 
-    It follows the first `count` places, the last a site, over `total` metres of path;
-    `segments` (n,) are its lengths [m].
+    It follows the first `count` of `places`, the last a site, over a path `total` [m]
+    long; `segments` (n,) are the lengths of its segments [m].
     """
     whole = 0.0
     for j in range(n):
@@ -191,7 +191,7 @@ def bend(
     p = place_vector(places, 0, FIRST)
     d, directed = Point(0.0, 0.0, 0.0), False  # in which the path arrives at p
     reached = 0.0  # length of the path up to p
-    # The last site: where, its bend from, its turn.
+    # Of the last site: its place on the path, where its bend begins, its turn.
     corner, begin, angle = 0.0, 0.0, 0.0
     at, stop = 0, segments[0]
     for k in range(1, count):
@@ -208,7 +208,7 @@ def bend(
                 continue
             if side == 1 and directed:
                 length, turned = arc(places, k, d)
-                # What the site before turns is yet to be spread, over what lies before.
+                # The turn of the site before is spread later, over what lies before.
                 _distribute_angle(bent, reached, reached + length, turned, at, stop)
                 directed = False
             else:

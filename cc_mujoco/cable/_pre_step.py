@@ -18,13 +18,13 @@ from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
 
 TENSION_ROW, LOST_ROW = 0, 3
-"""Rows of scratch for the node tensions that these changes leave, and for the stretch
-that nodes lose to relaxation and clamps."""
+"""Rows of scratch, see `node_row`: tensions after these changes, and stretch that nodes
+lose to relaxation and clamps."""
 
 
 @internal
 def seats_anew(prm: FloatArray) -> bool:
-    """Return whether changing bends redistribute the cable's clearance in them."""
+    """Return whether bends may change that take up clearance in a conduit."""
     lengthens = float(prm[at.PATH_LENGTHENS]) != 0.0  # `_open_path.lay` does it there
     changes = float(prm[at.BENDS_CHANGE]) != 0.0 and not lengthens
     return changes and float(prm[PLACE.clearance]) > 0.0
@@ -32,10 +32,10 @@ def seats_anew(prm: FloatArray) -> bool:
 
 @internal
 def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -> None:
-    """Change the tensions so that the stretch is kept after bends have changed.
+    """Change `tension` (n + 1,) to the stretch in the state after bends have changed.
 
-    The stretch [m] in the state is right, but where along the cable clearance changed
-    is not known, so all nodes take the difference up as they would without friction.
+    As it is not known where clearance changed, all nodes share the difference, as they
+    would without friction.
     """
     off, soft = -state[3], 0.0
     for i in range(n + 1):
@@ -50,7 +50,7 @@ def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -
 
 @internal
 def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
-    """Return scratch rows: a copy of the node tensions, and lost stretch of 0."""
+    """Return the two rows of scratch: tensions of the state, and lost stretch of 0."""
     old, tension = at.tensions(step.state, n), at.node_row(step.work, n, TENSION_ROW)
     lost = at.node_row(step.work, n, LOST_ROW)
     for i in range(n + 1):
@@ -60,10 +60,9 @@ def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
 
 @internal
 def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
-    """Return the energy [J] of the stretch that nodes lost.
+    """Return the heat of the stretch that nodes lose, times their mean tension [J].
 
-    It is taken at the mean tension of the step, in which the ends move too. Where the
-    path lengthens, and in clamps, the stretch is of unstretched rope.
+    Where the path lengthens, the stretch is of unstretched rope.
     """
     before, after = at.tensions(step.state, n), at.tensions(step.new_state, n)
     lost, total = at.node_row(step.work, n, LOST_ROW), 0.0
@@ -78,9 +77,9 @@ def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
 def relax_stress(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Relax all parts of the cable equally, in `tension` [N] and `lost` stretch [m].
+    """Relax all parts of the cable equally; update `tension` [N], set `lost` [m].
 
-    Clearance on a path that lengthens counts as in the present bends.
+    On a path that lengthens, clearance counts in the present bends.
     """
     time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
@@ -115,8 +114,8 @@ def slide_in_clamps(
 ) -> None:
     """Shorten the path at both ends by the creep of the conduit in its clamps.
 
-    The rate is implicit, by the tension at the end of the step and the end node's
-    stiffness before it, so no step takes the tension below `clamp_force`.
+    The rate follows the tension after the creep, with the stiffness of the end node
+    before it, so no step takes the tension below `clamp_force`.
     """
     stiffness, dt = at.node_stiffness(prm, n), step.dt
     for end in range(2):
@@ -138,7 +137,7 @@ def slide_in_clamps(
 
 @internal
 def stretch_by_path(prm: FloatArray, n: int, step: Step, old: FloatArray) -> FloatArray:
-    """Stretch every node by its path's lengthening; return the tensions [N]."""
+    """Stretch nodes of tension `old` by their path's growth; return tensions [N]."""
     state = step.state
     proximal, distal = step.proximal - state[0], step.distal - state[1]  # of the ends
     tension, gained = at.node_row(step.work, n, TENSION_ROW), at.lengthening(prm, n)
@@ -160,8 +159,8 @@ def add_end_springs(
 ) -> FloatArray:  # fmt: skip
     """Add springs at both ends for the rest of a step; return the tensions [N].
 
-    `yield_proximal` and `yield_distal` are their compliances [m/N]. A spring is relaxed
-    at the tension before the step, or at 0 if the cable is slack, as it cannot push.
+    `yield_proximal` and `yield_distal` are their compliances [m/N], `old` the tensions.
+    A spring is relaxed at the tension in the state, or at 0 where that is negative.
     """
     tension = at.node_row(step.work, n, TENSION_ROW)
     before, new_state = at.tensions(step.state, n), step.new_state

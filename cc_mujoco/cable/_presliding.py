@@ -43,9 +43,10 @@ def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, flo
 def _segment_line(
     chain: Chain, s: int, direction: float, held: FloatArray, spring: FloatArray
 ) -> tuple[float, float, float]:
-    """Return `gain`, `offset` and `own` of segment s, see `_chain_solve.py`.
+    """Return `gain`, `offset` [N] and `own` [N/m] of segment s, see `_chain_solve.py`.
 
-    It slips towards `direction`; if that is 0, its bristles hold it.
+    If `direction` is 0 its bristles hold it, with stiffness `spring` [N/m] and force
+    `held` [N]; else it slips that way.
     """
     if direction == 0.0:
         return 1.0, held[s], spring[s] + chain.viscosity[s]
@@ -54,7 +55,7 @@ def _segment_line(
 
 @internal
 def _node_tension(i: int, n: int, chain: Chain, shift: FloatArray) -> float:
-    """Return the tension of node i after displacements, below 0 where slack [N]."""
+    """Return the tension of node i after `shift` (n,) [m], negative where slack [N]."""
     if i == 0:
         return float(chain.proximal_p + chain.proximal_q * shift[0])
     if i == n:
@@ -67,10 +68,10 @@ def _solve_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the displacements into `shift` of `motion`, for fixed slip and slack.
+    """Solve for `shift` of `motion`, given the choices of `_find_choices`.
 
-    Its `direction` and `work` (4 n,) hold the choices of `_find_choices`: by
-    segment, slip direction and whether the nodes before and behind it are slack.
+    They are `direction` and, in `work` (4 n,), whether the nodes before and behind each
+    segment are slack.
     """
     tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift
     slack_before, slack_behind = work[:n], work[n : 2 * n]
@@ -170,10 +171,9 @@ def _find_choices(
 def preslide(n: int, chain: Chain, step: Step) -> bool:
     """Solve one step with bristles; return whether a solution was found.
 
-    Rows of the scratch: `SPRING` is the stiffness of the bristles of each segment
-    [N/m], `HELD` their force [N], before and after. `SLIPPED` is the expected slip
-    direction of each segment on input; on output it is the part of its displacement [m]
-    that is slip, not stretch of its bristles.
+    Rows of scratch: `SPRING` is the stiffness of each segment's bristles [N/m], `HELD`
+    their force [N] before and after the step. `SLIPPED` is the expected slip direction
+    on input, and on output the slip [m]: displacement less stretch of the bristles.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)

@@ -31,7 +31,7 @@ from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, interrupted
 
 ANGLE, TORQUE = 0, 1
-"""Quantity prescribed on a side of the transmission."""
+"""Kinds of a side: its angle or its torque is prescribed."""
 
 PULLEYS = (
     Parameter("motor_radius", "m", "radius of the motor's pulley", 1e-6, 1e3),
@@ -47,13 +47,13 @@ class Driven:
     """A recorded motion of a transmission; arrays have one entry per sample.
 
     Attributes:
-        motor_angle: [rad], of the motor shaft.
-        motor_torque: [N m], motor into transmission.
-        joint_angle: [rad].
-        joint_torque: [N m], transmission into joint.
-        tension_proximal: (cables, samples) [N]; agonist first.
-        tension_distal: (cables, samples) [N].
-        dissipated: (cables, samples) energy lost to friction so far [J].
+        motor_angle: angle of the motor's shaft [rad].
+        motor_torque: torque of the motor on the transmission [N m].
+        joint_angle: angle of the joint [rad].
+        joint_torque: torque of the transmission on the joint [N m].
+        tension_proximal: proximal tension (cables, samples) [N]; agonist first.
+        tension_distal: distal tension (cables, samples) [N].
+        dissipated: energy lost to friction so far (cables, samples) [J].
     """
 
     motor_angle: FloatArray

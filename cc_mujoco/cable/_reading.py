@@ -16,7 +16,7 @@ from cc_mujoco.native import ByteMatrix, FloatMatrix, compiled
 from cc_mujoco.native import FloatArray as Floats
 
 PATH_MEMORY = 7
-"""Numbers in the state of the plugin between the kernel's and an open path's."""
+"""Number of entries in a plugin's state between the kernel's state and the path's."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ def read_states(
 ) -> CableReading:
     """Return the reading of one cable in simulations with `states` (k, m).
 
-    Each number is computed in the same way for one simulation and for many, so it has
-    the same bits in both. The cable's state begins at column `start`; its nodes have
-    `compliance` (n + 1,) [m/N]. On an open path slack cable has `strain` by tension
-    [1/N], and lengths of nodes begin at column `lengths`, else -1.
+    The bits are the same for one simulation and for many. The cable's state begins at
+    column `start`; its nodes, if slack, have `compliance` (n + 1,) [m/N]. On an open
+    path these are springs, slack rope has `strain` by tension [1/N], and the lengths of
+    path of the nodes begin at column `lengths`; else that is -1.
     """
     n = len(compliance) - 1
     tension = np.empty((len(states), n + 1))
@@ -66,7 +66,7 @@ def read_states(
 
 @lru_cache(maxsize=256)
 def guided_compliance(cable: Cable) -> Floats:
-    """Return the compliance of the nodes of a cable in a conduit, if slack [m/N]."""
+    """Return compliances of a cable's nodes, if slack, in a conduit (n + 1,) [m/N]."""
     prm, n = packed_parameters(cable), cable.segments
     return np.array([-nodes.node_stretch(prm, n, i, -1.0) for i in range(n + 1)])
 
@@ -74,9 +74,9 @@ def guided_compliance(cable: Cable) -> Floats:
 def slack_compliance(
     cable: Cable, packed: Floats | None = None
 ) -> tuple[Floats, float]:
-    """Return compliances of the nodes' springs [m/N], and of slack cable [1/N].
+    """Return `compliance` and `strain` of `read_states` for a cable on an open path.
 
-    `packed` are its parameters on its path, needed if it has clearance.
+    `packed` are its packed parameters on that path, needed if it has clearance.
     """
     springs = np.zeros(cable.segments + 1)
     springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
@@ -100,10 +100,9 @@ def _read(
     slip: ByteMatrix,
     numbers: FloatMatrix,
 ) -> None:
-    """Read a cable whose state begins at column `start` of `states` (k, m).
+    """Read a cable, with arguments of `read_states`, to the last three arguments.
 
-    `lengths` is the column of an open path's node lengths, or -1; there a slack node
-    has `strain` by tension [1/N]. `numbers` (5, k) are the last five of `CableReading`.
+    `numbers` (5, k) are the last five fields of `CableReading`.
     """
     n = slip.shape[1]
     for row in range(states.shape[0]):

@@ -24,10 +24,10 @@ class Bracket(NamedTuple):
     """Places on either side of a root, and the errors there."""
 
     low: float  # largest place known to lie before the root; -inf until one is found
-    f_low: float  # error there, perhaps halved; negative
+    f_low: float  # error there, halved by the Illinois rule; negative
     high: float  # smallest place known to lie at or beyond it; inf until one is found
-    f_high: float  # error there, perhaps halved
-    side: float  # 1 or -1, whether the last place was `high` or `low`; 0 at first
+    f_high: float  # error there, halved by the Illinois rule
+    side: float  # 1 if the last place became `high`, -1 if `low`, 0 at first
 
 
 UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)
@@ -36,7 +36,7 @@ UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)
 
 @internal
 def narrowed(bracket: Bracket, at: float, error: float) -> Bracket:
-    """Return the bracket after an `error` at a place, negative below the root."""
+    """Return the bracket after evaluating an `error`, negative below the root."""
     if error < 0.0:
         halved = 0.5 if bracket.side < 0.0 else 1.0
         return Bracket(at, error, bracket.high, halved * bracket.f_high, -1.0)

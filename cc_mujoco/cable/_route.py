@@ -27,22 +27,22 @@ class Route:
     """Spatial tendon that guides a cable, or bends its conduit."""
 
     tendon: int
-    """Index of the spatial tendon."""
+    """Index of the tendon in the model."""
     mouth: int
-    """Place in its path of the site at which the conduit ends, 0: none."""
+    """Index in its path of the site at which the conduit ends, 0: none."""
     guided: int
     """Number of segments in the conduit."""
     bends: bool
-    """True where the tendon bends the conduit."""
+    """True if the tendon bends the conduit."""
     tied: tuple[bool, bool]
-    """True for an end, proximal and distal, tied to a site of the tendon."""
+    """True if the proximal, the distal end is tied to a site of the tendon."""
     guides: Floats
     """Guides of an open path, see `_open_path.measure` (n,)."""
     reference: Floats
-    """Path in the pose `qpos0`: bends, or those of `_open_path.measure`."""
+    """Wrap angles [rad], or shape of `_open_path.measure`, in the pose `qpos0`."""
 
     def reference_of(self, cable: Cable) -> Floats:
-        """Return `reference` with the conduit of `cable`, which may differ."""
+        """Return `reference` with the conduit of `cable`, which may be another one."""
         n, guided, reference = cable.segments, self.guided, self.reference.copy()
         if 0 < guided < n:
             inside = np.empty(kernel.parameter_size(guided))

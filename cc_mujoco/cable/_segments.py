@@ -22,10 +22,13 @@ from cc_mujoco.native import FloatArray
 
 @dataclass(frozen=True)
 class Mesh:
-    """Segments of a cable (2.1.1)."""
+    """Segments of a cable (2.1.1).
 
-    angle: FloatArray  # mu_d dx / R of every segment (n,)
-    static_angle: FloatArray  # mu_s dx / R of every segment (n,)
+    A `pattern` (n,) has the direction of motion of every segment: 1 distal, -1, or 0.
+    """
+
+    angle: FloatArray  # mu_d dx / R, kinetic friction times wrap of every segment (n,)
+    static_angle: FloatArray  # mu_s dx / R, with static friction (n,)
     length: FloatArray  # dx of every segment (n,) [m]
     stiffness: float  # k_c of Hooke's law T = k_c du/dx [N]
 
@@ -62,11 +65,11 @@ class Mesh:
         )
 
     def growth(self, pattern: FloatArray) -> FloatArray:
-        """Return T_{i+1}/T_i of every segment (2.10)."""
+        """Return T_{i+1}/T_i of every segment if it slips (2.10)."""
         return np.exp(self.angle * pattern)
 
     def compliance(self, pattern: FloatArray) -> FloatArray:
-        """Return (u_{i+1} - u_i)/T_i of every segment [m/N] (2.12)."""
+        """Return (u_{i+1} - u_i)/T_i of every segment if it slips (2.12) [m/N]."""
         signed = self.angle * pattern
         mean = np.ones_like(signed)
         np.divide(np.expm1(signed), signed, out=mean, where=signed != 0.0)
@@ -74,7 +77,7 @@ class Mesh:
 
 
 def _is_coulomb(term: Term) -> bool:
-    """Return whether (2.6) and (2.7) hold with a term, apart from pulleys."""
+    """Return whether Coulomb's law, (2.6) and (2.7), still holds with a term."""
     return term.acts_on == "pulley" or (
         term.acts_on == "coefficient" and not term.depends_on
     )

@@ -8,10 +8,10 @@
     >>> bool(found.by["friction"].tension_distal[-1] < 0.0)
     True
 
-What plays the motion is compiled a second time, over dual numbers (`native/_dual.py`).
-One cable is a transmission with pulleys of radius 1, whose angles are -u. The angle of
-a side that a torque drives is that of the plain replay, and its derivative the one that
-keeps the torque, which two more steps tell (implicit function theorem).
+The replay is compiled a second time, over dual numbers (`native/_dual.py`). One cable
+is a transmission with pulleys of radius 1, whose angles are -u. The angle of a side
+driven by torque is that of the plain replay; two more steps give the derivative of the
+angle at which the torque stays as given (implicit function theorem).
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class Derivatives:
 
     Attributes:
         motion: `Replay` of a cable, or `Driven` of a transmission.
-        by: the same of derivatives, by the quantities of `of`; no profiles.
+        by: its derivatives, an object of the same type for each quantity of `of`; no
+            profiles.
     """
 
     motion: Any
@@ -54,14 +55,17 @@ _MOTOR, _JOINT = 1, 2
 
 
 class _Sides(NamedTuple):
-    motor: FloatArray  # angles [rad]
-    joint: FloatArray
-    torque: FloatArray  # that drives one of the sides [N m]
+    """Motion of both sides of a transmission."""
+
+    motor: FloatArray  # angle of the motor (samples,) [rad]
+    joint: FloatArray  # angle of the joint (samples,) [rad]
+    torque: FloatArray  # torque that drives one of the sides (samples,) [N m]
     by_torque: int  # that side, `_MOTOR` or `_JOINT`; 0: none
-    dt: float
+    dt: float  # time between samples [s]
 
 
 def _angles(sides: _Sides, row: int, lead: float) -> tuple[float, float]:
+    """Return both angles of a sample; that of a side by torque has slope `lead`."""
     motor, joint = sides.motor[row], sides.joint[row]
     if sides.by_torque == _MOTOR:
         motor = with_slope(motor, lead)
@@ -74,7 +78,7 @@ def _move(
     cables: stepper.Cables, state: FloatMatrix, sides: _Sides, row: int, lead: float,
     new: FloatMatrix, work: FloatArray,
 ) -> float:  # fmt: skip
-    """Step all cables; return the derivative of the torque of the side by torque."""
+    """Step all cables; return the derivative of the torque of a side by torque."""
     motor, joint = _angles(sides, row, lead)
     stepper.move(cables, state, motor, joint, sides.dt, new, work)
     torque, _ = stepper.torque(cables, new, sides.by_torque == _JOINT, motor)
@@ -85,10 +89,9 @@ def _follow(
     cables: stepper.Cables, state: FloatMatrix, sides: _Sides, row: int, lead: float,
     new: FloatMatrix, work: FloatArray,
 ) -> float:  # fmt: skip
-    """Step all cables.
+    """Step all cables; return the derivative of the angle of a side by torque.
 
-    `lead`, the derivative of the angle of a side by torque, is that before the step
-    and, returned, after it.
+    `lead` is that derivative before the step.
     """
     is_joint = sides.by_torque == _JOINT
     if sides.by_torque == 0:
@@ -135,9 +138,9 @@ def _drive(
 ) -> None:  # fmt: skip
     """Play the motion `sides`, and write each step to `out`.
 
-    With `each`, the step written of a sample leads from it to the sample of the same
-    row in `ahead`. `tension` has the initial tension of every node of a single cable
-    [N]; if it is empty, all nodes have the pretension.
+    With `each`, the step written for a sample ends in that sample of `ahead`, and is
+    taken back. `tension` is the initial tension of every node of a single cable [N]; if
+    it is empty, all nodes have the pretension.
     """
     motor = 0.0 if sides.by_torque == _MOTOR else sides.motor[0]
     joint = 0.0 if sides.by_torque == _JOINT else sides.joint[0]
@@ -167,8 +170,8 @@ def sensitivity(
 ) -> Derivatives:
     """Play a recorded motion, with the derivatives of all that it returns.
 
-    Where friction turns or a cable becomes slack a derivative is that of one side, and
-    where an end stands still that of moving it on towards larger values.
+    Where friction turns or a cable becomes slack the derivative is one-sided; where an
+    end stands still it is towards larger values.
 
     Args:
         cable: a cable, or a transmission, whose cables then change alike.
@@ -179,8 +182,8 @@ def sensitivity(
         motion: arguments of `replay`, or of `Transmission.replay`.
 
     Raises:
-        CableError: as `replay`; a quantity that there is none of, a term that is off,
-            backlash, or a derivative that overflows.
+        CableError: as `replay`; an unknown quantity, a term that is off, backlash, or a
+            derivative that overflows.
     """
     known = dict.fromkeys(INDEX)
     played: Replay | Driven
@@ -231,7 +234,10 @@ def _with_slope(values: ArrayLike, slopes: ArrayLike = 0.0) -> FloatArray:
 
 
 def _nudged(value: FloatArray, drive: Transmission, radius: float) -> FloatArray:
-    """Return a motion [rad], at a radius [m], that goes on where it stands still."""
+    """Return angles [rad] of a side, a little larger where they stand still.
+
+    `radius` [m] is that of its pulley.
+    """
     # Steps of curved elasticity are solved in rounds, to 1e-5 of the largest tension.
     curved = [c for c in drive.cables if packed_parameters(c)[CURVED] != 0.0]
     stretches = [c.pretension * c.length / c.axial_stiffness for c in curved]
@@ -245,7 +251,7 @@ def _play_dual(
     cable: Cable | Transmission, drive: Transmission, dt: float, name: str,
     given: dict[str, Any], played: Replay | Driven,
 ) -> FloatArray:  # fmt: skip
-    """Return what `_report` writes (rows, samples, 2), values and derivatives."""
+    """Return the rows of `_report` (rows, samples, 2): values and derivatives."""
     n = np.array([each.segments for each in drive.cables])
     count, most = n.size, int(n.max())
     drive_dual, pack = entries(_drive, kernel.pack)

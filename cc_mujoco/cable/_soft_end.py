@@ -43,15 +43,15 @@ def fit_soft_end(
     """Fit the spring at an end of a cable to a measured loading curve.
 
     Args:
-        extension: extensions (k,) [m], rising, from any zero; at least 4.
-        force: forces (k,) [N], rising; the first is that at which loading began.
+        extension: extensions (k,) [m], rising, at least 4; their zero does not matter.
+        force: forces (k,) [N], rising.
         unloading: extensions and forces [N] of the way back from the last point to no
-            force, falling, of which `loss` is found; loading must begin at none, too.
+            force, falling, for `loss`; loading must begin at no force, too.
         tolerance: largest `residual` that is accepted.
 
     Raises:
-        CableError: not such curves, a curve that is not of this form, or parameters
-            beyond the ranges of a `Cable`.
+        CableError: other curves, a residual above `tolerance`, or parameters beyond the
+            ranges of a `Cable`.
     """
     from scipy.optimize import minimize_scalar
 

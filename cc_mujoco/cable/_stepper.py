@@ -34,23 +34,19 @@ class Cables(NamedTuple):
     """Cables between a motor's and a joint's pulley."""
 
     prm: FloatMatrix  # packed parameters (cables, numbers), see `_pack.pack`
-    n: Counts  # segments (cables,)
-    # displacement of the proximal end per motor angle (cables,) [m/rad]
-    proximal: FloatArray
-    # radius of the motor's pulley (cables,) [m], with the sign of
-    # `proximal_displacement`
-    gear: FloatArray
-    # displacement of the distal end per joint angle (cables,) [m/rad]
-    distal: FloatArray
+    n: Counts  # number of segments (cables,)
+    proximal: FloatArray  # proximal displacement per motor angle (cables,) [m/rad]
+    gear: FloatArray  # radius of the motor's pulley, with that sign (cables,) [m]
+    distal: FloatArray  # distal displacement per joint angle (cables,) [m/rad]
 
 
 class Load(NamedTuple):
     """Torque, spring and stops on the side that is not driven by angle."""
 
-    torque: float  # wanted of the cables (joint) or of the motor at angle 0 [N m]
-    stiffness: float  # stiffness by which it grows with the angle [N m/rad]
-    low: float  # angle of a stop that holds the side [rad]
-    high: float  # of the other
+    torque: float  # torque that the side needs at angle 0, see the module [N m]
+    stiffness: float  # growth of that torque with the angle [N m/rad]
+    low: float  # angle of the lower stop [rad]
+    high: float  # angle of the upper stop [rad]
 
 
 NO_LOAD = Load(0.0, 0.0, -math.inf, math.inf)
@@ -128,7 +124,7 @@ def move(
 def torque(
     cables: Cables, state: FloatMatrix, distal: bool, motor: float
 ) -> tuple[float, float]:
-    """Return the torque of one side, and the sum of magnitudes of its parts [N m]."""
+    """Return the torque of one side, and the sum of its magnitudes by cable [N m]."""
     total, size = 0.0, 0.0
     for k in range(cables.n.size):
         tension = tensions(state[k], cables.n[k])
@@ -154,14 +150,13 @@ def balance(
     new: FloatMatrix,
     work: FloatArray,
 ) -> float:
-    """Step all cables, one side by angle and the other by load; return its angle [rad].
+    """Step all cables with a load on one side; return the angle of that side [rad].
 
-    The torque at the motor grows with its angle and that at the joint falls with it,
-    piecewise smoothly. Secants from the last angle bracket the root, then regula falsi
-    (`root`) finds it. A single cable cannot push: asked to, it goes slack.
-
-    If `distal`, the load acts on the joint. `fixed` is the angle of the other side,
-    `start` that of this one before the step [rad]. The result is the state `new`.
+    The load acts on the joint if `distal`, else on the motor. `fixed` is the angle of
+    the other side, `start` that of this one before the step [rad]. The result is the
+    state `new`. The torque at the motor grows with its angle and that at the joint
+    falls with it, piecewise smoothly. Secants from the last angle bracket the root,
+    then regula falsi (`root`) finds it. A single cable that had to push goes slack.
     """
     arm = cables.distal if distal else cables.proximal
     wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)
@@ -169,7 +164,7 @@ def balance(
     if cables.n.size == 1 and load.stiffness == 0.0:
         wanted = -arm[0] * pull
         single = np.isinf(load.low) and np.isinf(load.high)
-    # The load is nothing but the tension of one cable's end.
+    # The load is the tension of one cable's end.
     if single and (distal or eccentric.is_round(prm)):
         if distal:
             u_proximal, _ = proximal_displacement(cables, 0, fixed)

@@ -56,7 +56,7 @@ from cc_mujoco.native._kinds import (
 ATOM, UNARY, _PRODUCT, _SUM, _SHIFT, _COMPARE, _BITS, _AND, _OR, _CHOICE = range(
     10, 0, -1
 )
-"""Ranks of operators; that of a unary one is a cast's, too."""
+"""Precedences of operators in C, highest first; casts are unary."""
 _OPERATORS: dict[type[ast.operator], tuple[str, int]] = {
     ast.Add: ("+", _SUM), ast.Sub: ("-", _SUM), ast.Mult: ("*", _PRODUCT),
     ast.Div: ("/", _PRODUCT), ast.BitAnd: ("&", _BITS), ast.BitOr: ("|", _BITS),
@@ -67,8 +67,8 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.GtE: ">=",
 }  # fmt: skip
 KnownCall = tuple[str, tuple[Kind, ...], Kind]
-"""A function that is not compiled: its name in C, or the template of a call, whose
-fields have the rank of operands without parentheses; types of arguments and result."""
+"""Call of a function that is not compiled: name in C, or format of the call, with the
+precedence of its argument in each field; types of arguments and result."""
 _CALLS: dict[Any, KnownCall] = {
     interrupted: ("cc_interrupted", (INT,), BOOL),
 } | {
@@ -92,7 +92,7 @@ _CALLS: dict[Any, KnownCall] = {
     math.isfinite: ("is_finite", (REAL,), BOOL), np.isinf: ("is_inf", (REAL,), BOOL),
     math.isnan: ("is_nan", (REAL,), BOOL), math.isinf: ("is_inf", (REAL,), BOOL),
 }  # fmt: skip
-"""Functions of Python and NumPy: name in `native.h` or C's own, types."""
+"""Calls of functions of Python and NumPy, by C's own or `native.h`."""
 _RESERVED = frozenset(
     "auto bool break case char const continue default do double else enum extern "
     "false float for goto if inline int long register restrict return short signed "
@@ -109,12 +109,10 @@ class Value:
     text: str  # its text
     kind: Kind  # its type
     rank: int = ATOM  # precedence of its outermost operator
-    number: Any = None  # the number that it spells, None of another
-    name: str = ""  # name of a constant, empty of all else
-    # Address of the first element of an array that is constant or in memory.
-    table: str = ""
-    # Sizes of an array in memory, empty where they are not known.
-    dims: tuple[str, ...] = ()
+    number: Any = None  # its number if it is a literal, else None
+    name: str = ""  # its name if it is a constant, else empty
+    table: str = ""  # address of the first element of an array constant or in memory
+    dims: tuple[str, ...] = ()  # sizes of an array in memory, empty if not known
 
     def at(self, rank: int) -> str:
         """Return the text as an operand of an operator of precedence `rank`."""
@@ -127,12 +125,14 @@ class Value:
 
 @dataclass
 class Function:
-    name: str  # in C
+    """Function translated to C."""
+
+    name: str  # name in C
     signature: FunctionTypes  # types of arguments and result
-    text: str = ""  # its definition
-    # Arrays among the arguments that it may write; a dot sets off a field.
+    text: str = ""  # definition in C
+    # Array arguments, or fields of arguments with a dot, that it may write.
     writes: set[str] = field(default_factory=set)
-    # Functions that it calls, and where.
+    # Function called, place, and arrays of this function in each of its arguments.
     calls: list[tuple[types.FunctionType, ast.Call, dict[str, set[str]]]] = field(
         default_factory=list
     )
@@ -144,7 +144,7 @@ class CLibrary:
     is_dual = False  # whether numbers carry a derivative
 
     def __init__(self, known: Mapping[Any, KnownCall], root: Path) -> None:
-        """Begin with C functions `known` besides those of Python; `root` of sources."""
+        """Begin a library; `known` calls come on top, `root` is the sources' folder."""
         self.known, self.root = {**_CALLS, **known}, root
         self._functions: dict[types.FunctionType, Function] = {}
         self._records: dict[str, str] = {}
@@ -199,7 +199,7 @@ class CLibrary:
         FunctionWriter(self, function, as_).write()
 
     def _put(self, function: types.FunctionType, order: dict[Any, bool]) -> None:
-        """Order a function behind those that it calls, and collect what they write."""
+        """Order a function behind those that it calls, and add their writes to its."""
         one = self._functions[function]
         order[function] = False
         for callee, node, given in one.calls:
@@ -234,14 +234,14 @@ class CLibrary:
         return head
 
     def constant(self, text: str, name: str) -> str:
-        """Return a macro for a number: `name`, or with a suffix if that is taken."""
+        """Return the name of a macro for a number: `name`, with a suffix if taken."""
         text = f"({text})" if text[0] == "-" else text
         free = next(n for n in _names(name) if self._constants.get(n, text) == text)
         self._constants[free] = text
         return free
 
     def cell(self, found: Any) -> str:
-        """Return an entry of a table."""
+        """Return the text of a number in a table of constants."""
         return literal(found).text
 
     def zero(self, kind: Kind) -> str:
@@ -294,7 +294,7 @@ def literal(found: Any) -> Value:
 
 
 def c_name(name: str) -> str:
-    """Return the name with an underscore if it is reserved in C or its libraries."""
+    """Return a name, with an underscore if it is reserved in C or its libraries."""
     return f"{name}_" if name in _RESERVED else name
 
 
@@ -342,6 +342,8 @@ def _variables(node: ast.AST, loops: frozenset[str] = frozenset()) -> Iterator[s
 
 
 class FunctionWriter(Writer):
+    """Translation of one function to C, in rounds until its types are settled."""
+
     def __init__(
         self, library: CLibrary, function: types.FunctionType, as_: Function
     ) -> None:
@@ -447,7 +449,7 @@ class FunctionWriter(Writer):
         return Value(f"({self.library.type(kind)}){{{text}}}", kind)
 
     def plain(self, value: Value) -> Value:
-        """Return the number by which a value is compared, and decides."""
+        """Return a value as a plain number, for comparisons and decisions."""
         return value
 
     def _truth(self, node: ast.expr) -> Value:
@@ -462,7 +464,7 @@ class FunctionWriter(Writer):
     # Arrays of arguments that are written
 
     def _paths_of(self, node: ast.expr) -> set[str]:
-        """Return the arguments, or their fields, that an expression may be part of."""
+        """Return the arguments, or their fields, that an expression may view."""
         if isinstance(node, ast.Name):
             return self._paths.get(node.id, set())
         if isinstance(node, ast.Attribute):
@@ -700,7 +702,7 @@ class FunctionWriter(Writer):
         if found in NUMBERS:
             element = NUMBERS[found]
             return Value(f"(*({element.c} *){at})", element)
-        # Of an array behind a pointer the structure has no size.
+        # An array behind a pointer has no size in the structure.
         sizes: tuple[str, ...] = (str(getattr(found, "_length_", "")),)
         to = found._type_
         if issubclass(to, ctypes.Structure):

@@ -20,22 +20,22 @@ from typing import Any, cast
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import ATOM, UNARY, CLibrary, FunctionWriter, Value, literal
 from cc_mujoco.native._c99 import Function as CFunction
-from cc_mujoco.native._entries import entries_text
+from cc_mujoco.native._entries import program_text
 from cc_mujoco.native._kinds import REAL, Kind, Scalar, python_function
 
 
 def slope(x: float) -> float:
-    """Return the derivative that a dual number carries, as a number."""
+    """Return the derivative of a dual number, as a plain number."""
     return 0.0
 
 
 def with_slope(x: float, derivative: float) -> float:
-    """Return a number with another derivative."""
+    """Return a dual number with the value of `x` and this derivative."""
     return x
 
 
 class DualLibrary(CLibrary):
-    """Functions in C whose numbers carry a derivative, each once."""
+    """Set of functions translated to C over dual numbers."""
 
     is_dual = True
 
@@ -89,10 +89,10 @@ class _DualWriter(FunctionWriter):
 
 @cache
 def entries(*functions: Callable[..., None]) -> list[Callable[..., None]]:
-    """Return functions as Python calls them with dual numbers; the first names them.
+    """Return functions as Python calls them with dual numbers, compiled once.
 
     Their arrays of floats have one more axis, the last, of value and derivative; their
-    other numbers depend on nothing. They are compiled together once, and kept.
+    other numbers have derivative 0. The library is named after the first.
     """
     name = f"lib{functions[0].__module__.replace('.', '_')}"
     name = f"{name}-{native_library.digest()[:20]}-{platform.machine().lower()}"
@@ -109,9 +109,6 @@ def build(place: Path, functions: tuple[Callable[..., None], ...]) -> Path:
     library = DualLibrary(known, native_library.PACKAGE.parent)
     plain = (cast("types.FunctionType", python_function(each)) for each in functions)
     called = {each.__name__: library.require(each) for each in plain}
-    heads = ("native.h", "python_calls.h", "dual.h")
-    parts = [Path(__file__).with_name(head).read_text() for head in heads]
-    parts += [library.text(), entries_text(library, called)]
     source = place / "cc_mujoco_dual.c"
-    source.write_text("\n".join(["#define CC_DUAL", *parts]))
+    source.write_text(f"#define CC_DUAL\n{program_text(library, called, 'dual.h')}")
     return native_library.compile_library(place / native_library.CARRIED.name, source)

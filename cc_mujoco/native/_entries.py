@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.native._c99 import CLibrary, Function, c_name
@@ -20,7 +21,14 @@ from cc_mujoco.native._kinds import (
 )
 
 MOST_PARTS = 160
-"""Most arrays, numbers and fields of tuples of a call; see `python_calls.h`."""
+"""Most arrays, numbers and fields of tuples in a call, see `python_calls.h`."""
+
+
+def program_text(library: CLibrary, functions: dict[str, Function], *heads: str) -> str:
+    """Return a source of its own: headers, `functions` and their entries."""
+    names = ("native.h", "python_calls.h", *heads)
+    parts = [Path(__file__).with_name(name).read_text() for name in names]
+    return "\n".join([*parts, library.text(), entries_text(library, functions)])
 
 
 def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:

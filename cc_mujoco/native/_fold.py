@@ -27,13 +27,16 @@ _FOLDED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 
 @dataclass(frozen=True)
 class Known:
-    """Values that are known at compile time."""
+    """Values that are known at compile time.
 
-    # Entries of packed parameters, by place.
+    Attributes:
+        packed: entries of packed parameters, by index.
+        arguments: arguments of functions, by name.
+        constants: values that replace those of constants of modules, by name.
+    """
+
     packed: Mapping[int, float] = field(default_factory=dict)
-    # Arguments of functions, by name.
     arguments: Mapping[str, int] = field(default_factory=dict)
-    # Constants of modules that have another value here, by name.
     constants: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -71,7 +74,7 @@ class Scope:
 
 
 def _separate(node: ast.Assign) -> list[ast.stmt] | None:
-    """Return `a = c` and `b = d` for `a, b = c, d`; None if one needs the other."""
+    """Return `a = c` and `b = d` for `a, b = c, d`; None if `d` depends on `a`."""
     target, value = node.targets[0], node.value
     if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
         return None
@@ -269,7 +272,7 @@ class _Folder(ast.NodeTransformer):
             if not isinstance(value, ast.Constant):
                 left.append(value)
             elif bool(value.value) is decides:
-                # What stands before it has no effect but its value.
+                # The operands before it have no side effects.
                 return ast.Constant(decides)
         if not left:
             return ast.Constant(not decides)

@@ -1,4 +1,4 @@
-"""Front end of the compiler: a function as a tree whose statements a writer prints.
+"""Front end of the compiler: syntax trees of functions, and the base of writers.
 
 The tree is checked against the subset in `.github/CONTRIBUTING.md`, folded and lowered.
 The statements that remain are an assignment to one target, or of a call to several
@@ -30,10 +30,10 @@ _NODES = (
 class ReadFunction:
     """Function read from its source, ready for a writer."""
 
-    function: types.FunctionType  # as Python runs it
+    function: types.FunctionType  # the function as Python runs it
     node: ast.FunctionDef  # its syntax tree, folded and lowered
-    scope: Scope  # its names
-    doc: str  # its docstring, empty where it has none
+    scope: Scope  # its global names
+    doc: str  # its docstring, empty if it has none
 
     def refusal(self, node: ast.AST, what: str) -> CableError:
         return refusal(self.function, node, what)
@@ -72,7 +72,7 @@ def read(
 
 
 class _Lowering:
-    """Lowering of statements to the few that writers support."""
+    """Lowering of a function's statements to those that writers support."""
 
     def __init__(self, source: ReadFunction) -> None:
         self._source, self._count = source, 0
@@ -154,7 +154,7 @@ def _loaded(target: ast.expr) -> ast.expr:
 
 
 class Writer(ast.NodeVisitor):
-    """Base of writers of one function: a language adds a method for each node."""
+    """Base of translations of one function; a language adds a method for each node."""
 
     def __init__(self, source: ReadFunction) -> None:
         self.source, self.scope = source, source.scope

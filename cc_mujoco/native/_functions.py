@@ -23,7 +23,7 @@ import numpy as np
 
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary
-from cc_mujoco.native._entries import entries_text
+from cc_mujoco.native._entries import program_text
 from cc_mujoco.native._kinds import (
     Array,
     Kind,
@@ -40,15 +40,7 @@ def own_entries(
     first = functions[0][1]
     made = CLibrary({}, Path(first.__code__.co_filename).parent)
     called = {key: made.require(function) for key, function in functions}
-    here = Path(__file__).parent
-    text = "\n".join(
-        [
-            (here / "native.h").read_text(),
-            (here / "python_calls.h").read_text(),
-            made.text(),
-            entries_text(made, called),
-        ]
-    )
+    text = program_text(made, called)
     code = f"{native_library.FLAGS}{platform.machine()}{text}".encode()
     module = first.__module__.replace(".", "_")
     name = f"lib{module}-{hashlib.sha256(code).hexdigest()[:20]}"
@@ -92,8 +84,8 @@ class NativeFunction:
     def __call__(self, *given: Any, **named: Any) -> Any:
         """Call the function in the library.
 
-        Arrays of another type, or that are not contiguous, are copied; what the
-        function writes to them is copied back.
+        Arrays of another type, or that are not contiguous, are copied, and copied back
+        afterwards.
         """
         if named:
             bound = inspect.signature(self.py_func).bind(*given, **named)
@@ -168,16 +160,13 @@ def internal(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Declare an `internal` function that C writes into its callers.
-
-    It is for short ones, called so often that calls would cost more than their work.
-    """
+    """Declare an `internal` function, short and often called, that C always inlines."""
     vars(function)["inlined"] = True
     return internal(function)
 
 
 def callback(function: Function) -> Function:
-    """Declare a compiled function that C calls as `cc_mujoco_` and its name."""
+    """Declare a compiled function that C calls, by `cc_mujoco_` and its name."""
     plain = cast("types.FunctionType", function)
     symbol = f"cc_mujoco_{plain.__name__.lstrip('_')}"
     return cast("Function", NativeFunction(plain, False, symbol))

@@ -39,10 +39,9 @@ class Scalar:
 class Memory(Scalar):
     """Address of a structure, whose fields are read and written in place."""
 
-    name: str  # path by which its fields are known
+    name: str  # name of the structure, with which the paths of its fields begin
     layout: type[ctypes.Structure] = field(compare=False)  # its type for `ctypes`
-    # Function that returns the offset of a field, by its path, or the size of a
-    # structure [bytes].
+    # Function from the path of a field to its offset, or from a name to a size [bytes].
     place: Callable[[str], int] = field(compare=False)
 
 
@@ -117,7 +116,7 @@ def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
 
 
 def short_name(kind: Kind) -> str:
-    """Return the C name of a type, without the star of a pointer."""
+    """Return the name of a type in C, without the star of a pointer."""
     if isinstance(kind, Scalar):
         return _SHORT[INT if isinstance(kind, Memory) else kind]
     if isinstance(kind, Structure):
@@ -194,7 +193,7 @@ def interrupted(step: int) -> bool:
 
 
 def python_function(found: Any) -> types.FunctionType | None:
-    """Return the Python function behind a compiled one, or a function itself."""
+    """Return a Python function, also that of a compiled one; None of other objects."""
     found = getattr(found, "py_func", found)
     if not isinstance(found, types.FunctionType) or found.__module__[:6] == "numpy.":
         return None

@@ -1,6 +1,6 @@
 """Native library: found, or compiled once and cached.
 
-It lies in this package, as in a wheel, or in a cache folder of the user. Its name has a
+It is in this package, as in a wheel, or in a cache folder of the user. Its name has a
 digest of the syntax trees that it was made from, so a changed comment compiles nothing.
 """
 
@@ -119,7 +119,7 @@ def _is_carried() -> bool:
     if not CARRIED.is_file():
         return False
     content = CARRIED.read_bytes()
-    # The first needs no file to be parsed.
+    # The first digest is found without parsing.
     return sources_digest().encode() in content or digest().encode() in content
 
 
@@ -143,8 +143,8 @@ def _kept_name() -> str:
 def keep(name: str, build: Callable[[Path], Path]) -> Path:
     """Return the path of a library in the user's cache, built if it is not there.
 
-    `name` identifies its code and machine; the file's name also has its size, by which
-    a partial file is noticed. `build` compiles it in a folder and returns its path.
+    `name` identifies its code and machine; the file's name adds its size, to detect a
+    partial file. `build` compiles it in a folder and returns its path.
     """
     found = _kept(name)
     if found is not None:
@@ -327,7 +327,7 @@ def build_library(place: Path) -> Path:
     head = Path(__file__).with_name("native.h").read_text()
     stamp.write_text("\n".join([head, *identity(), ""]))
     stamped = place / "stamp.o"
-    # First what is short: a compiler of no use fails before seconds of writing.
+    # This short file first: a compiler that does not work fails before the long one.
     run([*compiler(), *FLAGS, "-fPIC", "-c", str(stamp), "-o", str(stamped)], stamped)
     write_source(source)
     return compile_library(place / CARRIED.name, *_units(source), stamped)
@@ -344,8 +344,7 @@ def identity() -> Iterator[str]:
 def _units(source: Path) -> list[Path]:
     """Return the two object files of a source, compiled in parallel.
 
-    Each defines `CC_UNIT` as 1 or 2. They are cached by the source's lines of C, so
-    that a change of Python which changes none of these compiles nothing.
+    Each defines `CC_UNIT` as 1 or 2. They are cached by the source's lines of C.
     """
     text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
     lines = [line for line in text.splitlines() if line.strip()]
@@ -386,7 +385,7 @@ def run(
 ) -> None:
     """Run a command that makes a file; raise `NativeLibraryError` if it fails.
 
-    The text is its first error, or else its last line, with a note of its last lines.
+    The error quotes the first error of the command, or its last line.
     """
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True)

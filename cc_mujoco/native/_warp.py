@@ -37,10 +37,15 @@ _ANNOTATIONS = {
 
 @dataclass(frozen=True)
 class WarpSource:
-    # Python source; it expects `wp`, `Real`, and the functions of `warp/_build.py` in
-    # its namespace.
+    """Functions translated to Warp.
+
+    Attributes:
+        source: Python source, which needs `wp`, `Real` and `warp/prelude.txt`.
+        names: name in the source of each function, by module, dot and name.
+    """
+
     source: str
-    names: dict[str, str]  # name in it of each translated function, by module and name
+    names: dict[str, str]
 
 
 def translate(functions: Iterable[Any], known: Known) -> WarpSource:
@@ -80,7 +85,7 @@ class _Library:
         return WarpSource("\n\n".join(parts), self._names)
 
     def require(self, found: Any) -> str:
-        """Return the name of a function in Warp, translated at the first request."""
+        """Return the name of a function in Warp; translate it if it is new."""
         function = python_function(found)
         assert function is not None
         name = name_of(function)
@@ -189,7 +194,7 @@ class _WarpWriter(Writer):
             self.emit(f"{self.visit(target)} = {text}")
 
     def _initial(self, node: ast.expr) -> str:
-        """Return a name's initial value, typed so that Warp lets the name change."""
+        """Return an assigned value, typed so that Warp lets its name change."""
         text = str(self.visit(node))
         if isinstance(node, ast.Constant):
             kind = {bool: "wp.bool", int: "wp.int32"}.get(type(node.value), "variable")

@@ -141,8 +141,8 @@ def add_cable(
             they are those of `Cable()`.
 
     Returns:
-        What the model was given, and what drives the joint beside the cable; its text
-        is a line for each.
+        Report on the new elements, and on other actuators that drive the joint; its
+        text is a line for each.
 
     Raises:
         CableError: a name is unknown or taken, pulley and lever are both given or both
@@ -238,7 +238,7 @@ def _report(
 
 
 def _driving(model: mujoco.MjModel, joint: str, cable: str) -> list[int]:
-    """Return the actuators that move `joint` in `_arms`, except those of `cable`."""
+    """Return the actuators with an arm at `joint`, except those of `cable`."""
     ends = [model.actuator(f"{cable}_{end}").id for end in ENDS]
     moving = np.flatnonzero(_arms(model, joint) > mujoco.mjMINVAL)
     return [int(i) for i in moving if i not in ends]

@@ -198,7 +198,10 @@ def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
 def _has_affixes(
     candidate: ffi.Bytes, wanted: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether `candidate` is `wanted` in that prefix and suffix of `name`."""
+    """Return whether `candidate` is `wanted` between prefix and suffix of `name`.
+
+    `prefix` and `suffix` are their lengths in bytes.
+    """
     end = prefix + wanted.size
     return (
         candidate.size == end + suffix
@@ -212,7 +215,7 @@ def _has_affixes(
 def _element_has_affixes(
     label: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether `label` is empty or has that prefix and suffix of `name`."""
+    """Return whether `label` is empty or has the prefix and suffix of `name`."""
     inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
         inner > 0
@@ -232,7 +235,7 @@ def _wrap_name(model: MjModel, place: int) -> ffi.Bytes:
 def _all_have_affixes(
     model: MjModel, instance: int, tendon: int, prefix: int, suffix: int
 ) -> bool:
-    """Return whether a cable's ends and path have its name's prefix and suffix."""
+    """Return whether elements of a cable's ends and path have its name's affixes."""
     name = ffi.name(model, model.name_pluginadr[instance])
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
@@ -255,9 +258,8 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
     MuJoCo's `attach` renames all elements, but not the text of a configuration. So
     `route` also stands for that name with a prefix and a suffix of the instance's own
     name, if its actuators and the sites and geoms of the tendon have them too: instance
-    `left_flexor` with `route` = `path` means tendon `left_path`, if there is one, else
-    `path`. The longest match counts, unless `route` is the name of the instance itself
-    and a tendon has exactly that name.
+    `left_flexor` with `route` = `path` means tendon `left_path`, or else `path`. The
+    longest match counts, unless a tendon is named exactly as instance and `route`.
     """
     name = ffi.name(model, model.name_pluginadr[instance])
     namesake = config.equal_text(route, name)
@@ -378,7 +380,7 @@ def explain_bypass(
 
 @internal
 def _tendon_feature(model: MjModel, tendon: int) -> ffi.Bytes:
-    """Return words for what pulls a tendon as a whole, as "a `range`", or ""."""
+    """Return the feature that acts on a tendon as a whole ("a `range`"), or ""."""
     if model.tendon_stiffness[tendon] != 0.0:
         return "a `stiffness`"
     if model.tendon_damping[tendon] != 0.0:
@@ -413,7 +415,7 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 def explain_tied(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append the end tied to `tendon`, if any, whose gear is not -1 (distal: 1)."""
+    """Append to a refusal that an end tied to `tendon` has not gear -1 (distal: 1)."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         tied = holding_tendon(model, actuator) == tendon
@@ -430,10 +432,10 @@ def explain_tied(
 def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
     """Forbid sleep to all kinematic trees that a cable pulls.
 
-    MuJoCo does so for trees that an actuator moves, but does not know the pieces of an
-    open path, and the pull of a cable wakes no tree. `route` is the tendon of an open
-    or mixed path, else -1, and `mouth` the place in it where the conduit ends. Return a
-    body whose tree the model explicitly lets sleep by its `sleep`, or -1.
+    MuJoCo does so for trees that an actuator moves, but not for those that pieces of an
+    open path pull. `route` is the tendon of an open or mixed path, else -1, and `mouth`
+    the place in it where the conduit ends. Return a body whose tree the model
+    explicitly lets sleep by its `sleep`, or -1.
     """
     _, first, second = find_actuators(model, instance)
     found = -1
@@ -501,9 +503,9 @@ def pushes(model: MjModel, actuator: int, distal: bool) -> bool:
 def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
     """Return whether the motor at the proximal end can only slacken the cable.
 
-    That follows from its position in `qpos0`, the range of its joint, and what drives
-    it: a servo to positions in its `ctrlrange`, or a motor of one sign. A joint that
-    another cable pulls in the opposite sense, an antagonist, never counts.
+    That follows from its position in `qpos0`, the range of its joint, and its drive: a
+    servo to positions in its `ctrlrange`, or a motor of one sign. The joint of an
+    antagonist, a cable that pulls in the opposite sense, never counts.
     """
     joint = holding_joint(model, actuator)
     if joint < 0:
@@ -538,7 +540,7 @@ def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool
     if model.actuator_ctrllimited[control] == 0:
         return True
     factor, gain = end_radius(model, actuator), model.actuator_gainprm[actuator, 0]
-    bias, aim = model.actuator_biastype[actuator], 0.0  # at which a servo does nothing
+    bias, aim = model.actuator_biastype[actuator], 0.0  # aim: control without force
     if bias == mjtBias.mjBIAS_AFFINE:
         if model.actuator_biasprm[actuator, 1] != -gain:
             return True
@@ -568,7 +570,7 @@ def ends_swapped(model: MjModel, instance: int) -> bool:
 
 @internal
 def _is_near(model: MjModel, joint: int, place: int) -> bool:
-    """Return whether a site of a path is on a joint's body or the parent of that."""
+    """Return whether a site of a path is on a joint's body or its parent body."""
     body = model.jnt_bodyid[joint]
     own = model.site_bodyid[model.wrap_objid[place]]
     return bool(own != 0 and (own == body or own == model.body_parentid[body]))

@@ -4,9 +4,9 @@ An instance is one cable, shared by two plugin actuators. `compute` evaluates th
 from its last committed state and applies the end tensions; it never writes
 `plugin_state`. `advance` commits, once a time step, the configuration at which the step
 began. All state that matters to the simulation is in `plugin_state`: that of the kernel
-and, under RK4, the time of the committed configuration. `plugin_data` holds what
-follows from the configuration, scratch memory, and the result of the last evaluation
-with its inputs, which is used again only for bitwise equal inputs.
+and, under RK4, the time of the committed configuration. `plugin_data` holds packed
+parameters, scratch, and the result of the last evaluation with its inputs, which is
+used again only for bitwise equal inputs.
 
 The block of memory is made by `init`. MuJoCo also steps data on which it has called no
 `init`, when it searches for the length range of a muscle: there a cable has neither
@@ -59,8 +59,8 @@ _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
     """Check the configuration of an instance.
 
-    Return the key that cannot be used, or `VALID_CONFIGURATION`; in the second case the
-    configuration is still refused if a reason has been appended to `message`.
+    Return the key that cannot be used, or `VALID_CONFIGURATION`; then it is still
+    refused if a reason has been appended to `message`.
     """
     attributes = ffi.attributes(model, instance)
     values = np.empty(config.SCALARS)
@@ -119,7 +119,7 @@ def _is_refused(model: MjModel, instance: int) -> bool:
 
 @ffi.callback
 def route(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
-    """Return the index of the spatial tendon that an instance has as route, or -1."""
+    """Return the index of the spatial tendon that is an instance's route, or -1."""
     attributes = ffi.attributes(model, instance)
     written = config.key_text(attributes, config.KEY.route)
     return attachments.find_route(model, instance, written)
@@ -237,8 +237,8 @@ def _ends(model: MjModel, data: MjData, block: Block) -> tuple[Pair, float]:
 def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> None:
     """Apply the forces of an open path before its actuators are evaluated.
 
-    `mj_inverse` evaluates passive forces but no actuators. The motion of implicit ends
-    is predicted by the acceleration in `data`.
+    `mj_inverse` evaluates only passive forces. The motion of implicit ends is predicted
+    by the acceleration in `data`.
     """
     idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     if idle or messages.has_no_passive(model):
@@ -266,8 +266,8 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
 def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
     """Remove the forces that `_pull_early` applied for implicit ends, to the last bit.
 
-    They depend on an acceleration that is no part of the state; rounding errors of
-    their removal must not reach the simulation.
+    They depend on an acceleration that is no part of the state, so nothing of them may
+    stay.
     """
     passive = data.qfrc_passive[: model.nv]
     for other in range(model.nplugin - 1, -1, -1):
@@ -482,7 +482,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         return
     if block.lead == instance:
         messages.note_position(model, data, block)
-    # Without actuation that is of an evaluation before this step.
+    # Without actuation `inputs` are of an evaluation before this step.
     idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     rk4 = evaluating.is_rk4(model)
     known = block.evaluated_model == model and not idle
@@ -515,7 +515,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         )  # fmt: skip
         follow(block, model, data, state)
     elif not rk4 and at[0] == last[0] and at[1] == last[1]:
-        # What was applied is what the step did, whatever it looked ahead to.
+        # Commit the prediction whose tensions were applied.
         used, yields = (given[0], given[1]), (given[2], given[3])
     if rk4:
         # A step makes four evaluations; the first of them is committed. With

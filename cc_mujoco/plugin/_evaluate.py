@@ -86,12 +86,12 @@ def pack(block: Block, model: MjModel, instance: int) -> bool:
 def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
     """Pack the parameters anew if the configuration has changed; return if it is valid.
 
-    It changes if a batch gives its simulations different models. Then its text or the
-    digest of its route differs from that which was packed last.
+    A batch may give its simulations different models. Then the configuration's text or
+    the digest of its route differs from the one packed last.
     """
     attributes = ffi.attributes(model, instance)
     seen, size, i = block + block.text, block.text_size, 0
-    # In pieces: what follows the first difference need not be memory of the model.
+    # In pieces: behind the first difference the memory need not be the model's.
     while i + 128 <= size and same(seen + i, attributes + i, 128):
         i += 128
     if i + 128 > size and same(seen + i, attributes + i, size - i):
@@ -113,7 +113,7 @@ def packed_block(model: MjModel, data: MjData, instance: int) -> Block:
 
 @internal
 def packed_block_of(model: MjModel, data: MjData, other: int, kind: int) -> Block:
-    """Return `packed_block` of `other`, or 0 if its plugin is not number `kind`."""
+    """Return `packed_block` of instance `other`, or 0 if its plugin is not `kind`."""
     return packed_block(model, data, other) if model.plugin[other] == kind else 0
 
 
@@ -210,7 +210,7 @@ def evaluate(block: Block, state: int, ends: Pair, yields: Pair, dt: float) -> b
 def set_rest_state(
     block: Block, model: MjModel, state: int, ends: Pair, time: float
 ) -> None:
-    """Set the state at address `state` to rest, at the actuator lengths `ends` [m]."""
+    """Set the state at address `state` to rest, for actuator lengths `ends` [m]."""
     n, kept = block.segments, blocks.committed(state, block.segments)
     wound = blocks.proximal_winding(model, block, ends[0])[0]
     whole = blocks.kernel_state(state, n)
@@ -229,10 +229,9 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
     """Give a cable at rest the uniform tension of the rope that was mounted in `qpos0`.
 
     Motion of its ends since then has stretched the rope or made it slack. On an open
-    path, which must have been measured at the present position, only drums change the
-    unstretched length of the rope: they pay out rope at the strain of the pretension,
-    and wind it up at the mean of that strain and the present one, as if they had moved
-    straight here. `state` is the address of the state that `set_rest_state` has set.
+    path, measured at the present position, drums change the unstretched length of the
+    rope: they pay it out at the strain of the pretension, and wind it up at the mean of
+    that strain and the present one. `state` is the address of a `set_rest_state`.
     """
     n, prm = block.segments, blocks.parameters(block)
     whole = blocks.kernel_state(state, n)
@@ -270,7 +269,7 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
 
 @internal
 def _wound_ratio(prm: FloatArray, tension: float) -> float:
-    """Return the mean stretch ratio of the pretension and of `tension` [N]."""
+    """Return the mean of the stretch ratios at the pretension and at `tension` [N]."""
     now = moving_path.stretch_ratio(prm, max(tension, 0.0))
     return 0.5 * (moving_path.stretch_ratio(prm, prm[PLACE.pretension]) + now)
 
@@ -281,10 +280,9 @@ def _even_tension(
 ) -> float:
     """Return the uniform tension of a cable at rest [N], negative if it is slack.
 
-    `path` is the length of an open path [m], or 0 in a conduit. `rope` [m] is, on an
-    open path, the unstretched length of the cable and of rope wound up; in a conduit,
-    the stretch of cable and springs.
-    `wound` is the stretched length of rope that drums have wound up [m].
+    `path` is the length of an open path [m], `rope` the unstretched length of the cable
+    and of rope wound up, `wound` the stretched length of the latter [m]. In a conduit
+    `path` is 0 and `rope` the stretch of cable and springs [m].
     """
     if not np.isfinite(path + rope + wound):
         return np.nan
@@ -311,7 +309,7 @@ def _is_longer(
         return nodes.rest_stretch(prm, n, 0.0, tension) + seated >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
     springs = nodes.rest_spring_stretch(prm, tension)
-    # A rope that drums have wound up entirely is this part of its path long.
+    # Of a rope that drums have wound up entirely this part of its path is left.
     left = max(rope - wound / _wound_ratio(prm, tension), 1e-3 * path)
     return ratio > 0.0 and ratio * left + springs + seated >= path
 
@@ -332,8 +330,7 @@ def has_stiffened(block: Block) -> bool:
 def follow_paths(model: MjModel, data: MjData, instance: int, evaluation: int) -> None:
     """Measure the paths of all open cables and update their segments.
 
-    Cables that did so in evaluation number `evaluation` are left out; -1 leaves out
-    none.
+    Paths already measured in evaluation number `evaluation` are left out; -1: none.
     """
     kind = model.plugin[instance]
     for other in range(model.nplugin):

@@ -85,7 +85,7 @@ def memory(layout: type[ctypes.Structure]) -> Memory:
 
 
 class _Message(ctypes.Structure):
-    """Buffer for a growing message: `MESSAGE_WORDS` words of 8 bytes, first zero."""
+    """Message under construction: `MESSAGE_WORDS` words of 8 bytes, 0 at first."""
 
     _fields_ = (("used", ctypes.c_int64), ("text", ctypes.c_uint8 * _CAPACITY))
 
@@ -93,7 +93,7 @@ class _Message(ctypes.Structure):
 Message = Annotated[Any, memory(_Message)]
 MESSAGE_WORDS = ctypes.sizeof(_Message) // 8
 
-DIGEST_SLOTS = 256  # digests of messages that are remembered, a power of 2
+DIGEST_SLOTS = 256  # number of digests of messages that are kept, a power of 2
 _digests = (ctypes.c_int64 * DIGEST_SLOTS)()
 
 
@@ -162,14 +162,6 @@ def dot(a: FloatArray, b: FloatArray) -> float:
 
 
 @internal
-def equal(a: FloatArray, b: FloatArray) -> bool:
-    for i in range(a.size):
-        if a[i] != b[i]:
-            return False
-    return True
-
-
-@internal
 def is_zero(a: FloatArray) -> bool:
     for i in range(a.size):
         if a[i] != 0.0:
@@ -200,7 +192,7 @@ def append(message: Message, part: Bytes) -> None:
 
 @internal
 def quote(message: Message, part: Bytes) -> None:
-    """Append text in quotes: at most `MAX_QUOTED` bytes, `?` if one is no UTF-8."""
+    """Append in quotes at most `MAX_QUOTED` bytes of text, `?` for bytes not UTF-8."""
     append(message, "'")
     at = 0
     while at < part.size:
@@ -287,7 +279,10 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 @internal
 def warned_once(message: Message, about: int) -> bool:
-    """Return whether a message `about` a model was given before; record it as given."""
+    """Return whether this message was issued before; record it.
+
+    `about` is the signature of the model that the message is on.
+    """
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211

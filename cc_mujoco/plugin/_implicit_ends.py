@@ -70,6 +70,7 @@ import numpy as np
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._newmark import NEWMARK, NEWMARK_RK4
+from cc_mujoco.cable._pack import differ
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _evaluate as evaluating
@@ -81,22 +82,21 @@ from cc_mujoco.plugin._ffi import MjData, MjModel, disabled
 from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
-"""Values of `known_step`, the acceleration of the step: unknown; by MuJoCo's factor of
-the inertia; by a factor with constraints; by factors with constraints and dampers.
-"""
+"""Values of `known_step`, the way in which the acceleration of the step was found: not
+yet; by MuJoCo's factor of the inertia; with constraints; with dampers, too."""
 
 
 class _Prediction(NamedTuple):
-    """Predicted motion and its matrices; vectors are (nv,), matrices (nv * nv,)."""
+    """Memory of a prediction; vectors are (nv,), matrices (nv * nv,)."""
 
-    found: FloatArray  # acceleration
+    found: FloatArray  # predicted acceleration
     force: FloatArray  # sum of the smooth forces
-    row: FloatArray  # scratch, as the next two
-    answer: FloatArray
-    between: FloatArray
-    inertia: FloatArray
-    factor: FloatArray  # of the inertia with constraints
-    damped: FloatArray  # factor of that with dampers
+    row: FloatArray  # scratch
+    answer: FloatArray  # scratch
+    between: FloatArray  # scratch
+    inertia: FloatArray  # inertia matrix
+    factor: FloatArray  # Cholesky factor of the inertia with constraints
+    damped: FloatArray  # Cholesky factor of the inertia with dampers
 
 
 @internal
@@ -114,10 +114,10 @@ def _prediction(lead: Block, nv: int) -> _Prediction:
 
 @internal
 def is_implicit(model: MjModel, block: Block) -> bool:
-    """Return whether the time step may be too long for explicit ends of a cable.
+    """Return whether the ends of a cable are implicit.
 
-    It may above half of what is stable for an end alone with the inertia of the pose
-    `qpos0`, so that a pose of less inertia is stable too.
+    They are above half of the time step that is stable for an end alone in the pose
+    `qpos0`, so that poses of less inertia are stable too.
     """
     if (
         block.explicit_ends != 0
@@ -159,8 +159,7 @@ def held_stiffness(block: Block, end: int) -> float:
 def slipping_stiffness(block: Block) -> float:
     """Return the stiffness seen at an end while the whole cable slips [N/m].
 
-    This is twice the stiffness of all nodes in series: of a cable that vibrates between
-    two equal masses each sees one half.
+    Each of two equal masses sees half of the cable, with twice its stiffness.
     """
     stiffness = kernel.node_stiffness(blocks.parameters(block), block.segments)
     compliance = 0.0
@@ -173,10 +172,9 @@ def slipping_stiffness(block: Block) -> float:
 def newmark_terms(
     model: MjModel, stiffness: float, mobility: float
 ) -> tuple[float, float]:
-    """Return alpha and beta, see the module, for an end of a stiffness [N/m].
+    """Return alpha and beta, see the module, for an end of this stiffness [N/m].
 
-    `mobility` is the acceleration of the end per tension times the squared time step
-    [m/N].
+    `mobility` is its acceleration per tension times the squared time step [m/N].
     """
     most, gain = NEWMARK.stability_limit, NEWMARK.velocity_gain
     if is_rk4(model):
@@ -190,11 +188,11 @@ def newmark_terms(
 def _predict_acceleration(
     model: MjModel, data: MjData, lead: Block, own: _Prediction
 ) -> None:
-    """Predict the acceleration of the step, with all tensions unchanged.
+    """Predict the acceleration `found` of the step, with all tensions unchanged.
 
-    Set `found` of `own`; `known_step` of `lead`, the block of the model's first
-    cable, tells how it was found. `data` must have all that MuJoCo evaluates before
-    actuator plugins, and the paths of all open cables must have been measured.
+    Set `known_step` of `lead`, the block of the model's first cable, too. MuJoCo must
+    have evaluated in `data` all that comes before actuator plugins, and the paths of
+    all open cables must have been measured.
     """
     nv = model.nv
     found, scratch, inertia = own.found.ctypes.data, own.row, own.inertia
@@ -288,7 +286,7 @@ def _limited_force(model: MjModel, data: MjData, actuator: int, output: int) -> 
 
 @internal
 def _is_clamped(model: MjModel, data: MjData, actuator: int) -> bool:
-    """Return whether a range limits an actuator's force now; it then has no damping."""
+    """Return whether a range limits an actuator's force now; it then does not damp."""
     if model.actuator_forcelimited[actuator] != 0:
         force = data.actuator_force[model.actuator_outadr[actuator]]
         low = model.actuator_forcerange[actuator, 0]
@@ -300,10 +298,10 @@ def _is_clamped(model: MjModel, data: MjData, actuator: int) -> bool:
 
 @internal
 def _tendon_share(model: MjModel, data: MjData, actuator: int) -> float:
-    """Return the share of an actuator's force that its tendon's range leaves.
+    """Return the factor by which a tendon's range reduces an actuator's force.
 
     MuJoCo scales the forces of all actuators of a tendon so that their sum is within
-    the `actuatorfrcrange` of that tendon.
+    its `actuatorfrcrange`.
     """
     tendon = attachments.holding_tendon(model, actuator)
     if tendon < 0 or model.tendon_actfrclimited[tendon] == 0:
@@ -332,7 +330,7 @@ def add_moment(data: MjData, output: int, force: float, target: FloatArray) -> N
 def _damping_matrix(
     model: MjModel, data: MjData, out: FloatArray, scratch: FloatArray
 ) -> bool:
-    """Write the implicitly integrated damping to `out` (nv * nv,); return if any."""
+    """Write the implicitly integrated damping to `out` (nv * nv,); return if not 0."""
     nv, any_damping = model.nv, False
     out[:] = 0.0
     if is_rk4(model):
@@ -413,7 +411,7 @@ def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
                 off += data.efc_J[k] * found[a]
             given[i] = -data.efc_D[i] * off
             push[i] = _constraint_force(data, i, given, state)
-        if trial > 0 and ffi.equal(state, before):
+        if trial > 0 and not differ(state, before, count):
             break
         before[:] = state
         factor[:] = own.inertia
@@ -444,8 +442,8 @@ def _constraint_force(
 ) -> float:
     """Set `state[i]` to 1 if constraint i acts as a spring, or else to 0.
 
-    Return its constant force in the second case, e.g. dry friction that slips. `given`
-    has the forces of constraints up to i if all of them acted as springs.
+    Return its constant force if it is no spring, such as that of dry friction that
+    slips. `given` has the forces of constraints up to i if all acted as springs.
     """
     force, kind = given[i], data.efc_type[i]
     state[i] = 1.0
@@ -479,12 +477,12 @@ def _constraint_force(
 def predict_ends(
     model: MjModel, data: MjData, block: Block, lead: Block, out: FloatArray
 ) -> None:
-    """Predict the motion of the ends of a cable in the step, out (9,).
+    """Predict the motion of the ends of a cable in the step, `out` (9,).
 
     Pairs for the proximal and the distal end: displacement x [m], h v [m], h^2 a [m]
-    with unchanged tensions, and the decrease of h^2 a per tension [m/N]; last 1, as
-    ends yield to their tension. The decrease includes the effect of all other ends on
-    the same bodies. `lead` is the block of the model's first cable.
+    with unchanged tensions, and the decrease of h^2 a per tension, all ends on the same
+    bodies included [m/N]; last 1, as ends yield to their tension. `lead` is the block
+    of the model's first cable.
     """
     own = _prediction(lead, model.nv)
     if lead.known_step == _UNKNOWN:
@@ -498,10 +496,9 @@ def predict_ends(
 def predict_known_motion(
     model: MjModel, data: MjData, block: Block, out: FloatArray
 ) -> None:
-    """Predict the motion of the ends by the acceleration in `data`, out (9,).
+    """Compute the `out` (9,) of `predict_ends` by the acceleration in `data`.
 
-    The numbers are those of `predict_ends`, but the last is 0: this acceleration does
-    not depend on the tensions.
+    The last number is 0, as this acceleration does not depend on the tensions.
     """
     ffi.mark_stack(data)
     row, none = ffi.borrow_floats(data, model.nv), ffi.borrow_floats(data, 0)
@@ -550,8 +547,7 @@ def _predict_ends(
 def _mobility(model: MjModel, data: MjData, own: int, answer: FloatArray) -> float:
     """Return the sum over all ends of their acceleration per tension [1/kg].
 
-    `answer` (nv,) is the acceleration that a unit tension at one end causes, and `own`
-    the instance of that end.
+    `answer` (nv,) is the acceleration by a unit tension at an end of instance `own`.
     """
     total = 0.0
     for other in range(model.nplugin):
@@ -600,12 +596,12 @@ def evaluate_prediction(
         if tried:
             soft = min(slipping_stiffness(block), stiffness)
             if newmark_terms(model, soft, aim[6 + end])[1] == 0.0:
-                # What is left of a step at a later stage, begun from the first one.
+                # Rest of the step at a later stage that begins from the first one.
                 if state == block + block.first_stage:
                     left[end] = max(1.0 - dt / model.opt.timestep, 0.0)
                 # Of 8 at the limit of stability; RK4 resolves its vibration well.
                 resolved[end] = 1.0 if soft * aim[6 + end] < 5.0 else 0.0
-            # What an end met on its way, between that of a slipping cable and its own.
+            # Met on the way: between that of a slipping cable and of the held end.
             gained = abs(max(node[n * end], 0.0) - max(node_before[n * end], 0.0))
             moved = abs(new[end] - old[end])
             if not gained >= stiffness * moved:
@@ -638,7 +634,7 @@ def evaluate_prediction(
     if not doubtful and passes[0] == 0.0 and passes[1] == 0.0:
         return True
     if doubtful:
-        # Where the step leads tells whether the end becomes taut (1) or slack (-1).
+        # The end of the step shows whether the end becomes taut (1) or slack (-1).
         if not evaluate(block, state, (ahead[0], ahead[1]), none, dt):
             return False
         for end in range(2):

@@ -27,66 +27,63 @@ class _Block(ctypes.Structure):
 
     _fields_ = (
         ("segments", _INT),
-        ("outputs", _INT * 2),  # of its actuators
-        ("tied", _INT * 2),  # whether tied to a site of an open cable's tendon
-        ("text_size", _INT),
-        ("result_valid", _INT),
-        ("route", _INT),  # the tendon that bends or leads the cable, or -1
-        ("bends_with_route", _INT),  # whether it bends the conduit
+        ("outputs", _INT * 2),  # indices of its actuators in `actuator_force`
+        ("tied", _INT * 2),  # 1 for an end tied to a site of an open cable's tendon
+        ("text_size", _INT),  # bytes of `text`
+        ("result_valid", _INT),  # 1 if `new_state` is the result of `inputs`
+        ("route", _INT),  # index of the tendon that bends or guides the cable, or -1
+        ("bends_with_route", _INT),  # 1 if that bends the conduit
         ("guided", _INT),  # number of segments in the conduit
         ("mouth", _INT),  # place of the conduit's mouth in the tendon's path, 0: none
-        ("reference_known", _INT),  # whether the path in the pose `qpos0` is known
-        ("passive_fresh", _INT),  # whether MuJoCo found `qfrc_passive` since it pulled
-        ("shape_bytes", _INT),  # bytes of what is known of the path at one position
-        ("checked_timestep", _REAL),  # that was last held against the limits
+        ("reference_known", _INT),  # 1 if the path in the pose `qpos0` is measured
+        ("passive_fresh", _INT),  # 1 if the cable's pull is not in `qfrc_passive` yet
+        ("shape_bytes", _INT),  # bytes of the path at one stage, see `shape_at`
+        ("checked_timestep", _REAL),  # time step at the last check of limits [s]
         ("instance", _INT),
         ("dofs", _INT),
         ("actuators", _INT * 2),
-        ("inputs", _REAL * 5),  # displacements of the ends, how far they yield, and dt
+        ("inputs", _REAL * 5),  # displacements and yielding of the ends, time step
         ("input_positions", _REAL * 2),  # displacements for which `inputs` were found
         ("input_velocities", _REAL * 2),
-        ("explicit_ends", _INT),  # whether its ends are never implicit
+        ("explicit_ends", _INT),  # 1 if its ends are never implicit
         ("scratch", _REAL * 6),  # a force, and no torque
-        ("stiffness", _REAL * 2),  # of the ends with the present parameters, or 0
-        ("path_evaluation", _INT),  # in which it was led along its path, or 0
-        ("evaluation_count", _INT),  # of a model's first cable
-        ("position", _REAL),  # of a model's first cable: checksum of `qpos`
-        ("position_size", _REAL),
-        ("early_pull", _INT),  # of its pieces: 0, `EARLY_KEPT` or `EARLY_REPLACED`
-        ("position_changed", _INT),  # whether `qpos` is not what the last step made it
-        ("checked_stiffness", _REAL),  # of a piece when last held against limits
-        # Displacements, time and inputs of the last four evaluations of RK4.
-        ("stages", _REAL * 8 * 4),
+        ("stiffness", _REAL * 2),  # stiffness of the ends, 0 if not computed [N/m]
+        ("path_evaluation", _INT),  # evaluation in which its path was measured, or 0
+        ("evaluation_count", _INT),  # in a model's first cable
+        ("position", _REAL),  # in a model's first cable: checksum of `qpos`
+        ("position_size", _REAL),  # scale of that checksum
+        ("early_pull", _INT),  # result of `_pull_early`: 0, or `EARLY_KEPT` and so on
+        ("position_changed", _INT),  # 1 if `qpos` was set since the last step
+        ("checked_stiffness", _REAL),  # stiffest piece at the last check of limits
+        ("stages", _REAL * 8 * 4),  # ends, time and `inputs` of four stages of RK4
         ("first_stage_valid", _INT),
-        # Places of what follows the head, in bytes from its begin.
-        ("parameters", _INT),  # packed
+        # Offsets of the parts behind this head [bytes].
+        ("parameters", _INT),  # packed parameters
         ("work", _INT),  # scratch of the kernel
-        ("old_state", _INT),  # before the last evaluation
-        ("new_state", _INT),  # after it
-        ("text", _INT),  # of the configuration that was packed last
-        ("guides", _INT),  # of an open cable, see `read_guides` (n,)
-        ("shapes", _INT),  # paths, see `shape_at`
+        ("old_state", _INT),  # state before the last evaluation
+        ("new_state", _INT),  # state after it
+        ("text", _INT),  # text of the configuration that was packed last
+        ("guides", _INT),  # guides of an open cable, see `read_guides` (n,)
+        ("shapes", _INT),  # paths at all stages, see `shape_at`
         ("pulls", _INT),  # last forces of an open cable in `qfrc_passive` (nv,)
         ("forces", _INT),  # scratch for forces (nv,) or lengths of nodes (n + 1,)
         ("passive_before", _INT),  # `qfrc_passive` without its forces (nv,)
-        # State after the first stage of the last step of RK4: laid out as a committed
-        # one, with the time of that stage, the checksum of the state that it began
-        # from, and the path.
+        # State after the first stage of the last step of RK4, as a committed one, with
+        # the checksum `pose` of the state that it began from.
         ("first_stage", _INT),
-        # Of a model's first cable, or 0: for `_implicit_ends.py`, `save_poses`.
+        # In a model's first cable, else 0: for `_implicit_ends.py`, `save_poses`.
         ("known_step", _INT),
         ("prediction", _INT),
         ("mocap_poses", _INT),
-        # For what model it was made, see `fits`, and for what `path`.
+        # The model that it was made for, see `fits`, and the kind of path.
         ("state_address", _INT),
         ("state_size", _INT),
         ("mocaps", _INT),
         ("lead", _INT),
         ("path_kind", _INT),
-        ("other_kind", _INT),  # whether the configuration has another kind or segments
-        ("route_digest", _INT),  # of the places of `route` when it was packed
-        # Model that the actuators were evaluated with since the last step, or 0.
-        ("evaluated_model", _INT),
+        ("other_kind", _INT),  # 1 if the configuration has another kind or segments
+        ("route_digest", _INT),  # digest of the places of `route` when it was packed
+        ("evaluated_model", _INT),  # model of the evaluation since the last step, or 0
     )
 
 
@@ -98,10 +95,10 @@ class Commitment(ctypes.Structure):
     """
 
     _fields_ = (
-        ("time", _REAL),
-        ("pose", _REAL),  # checksum of that to which the last step led
-        ("ends", _REAL * 2),  # displacements [m]
-        ("velocities", _REAL * 3),  # of the ends and of the path [m/s]
+        ("time", _REAL),  # time of the state under RK4 [s]
+        ("pose", _REAL),  # checksum of `qpos` after the last step
+        ("ends", _REAL * 2),  # displacements of the ends [m]
+        ("velocities", _REAL * 3),  # velocities of the ends and of the path [m/s]
     )
 
 
@@ -110,10 +107,11 @@ Committed = Annotated[Any, memory(Commitment)]
 BLOCK_WORDS, COMMITMENT_SIZE = ctypes.sizeof(_Block) // 8, ctypes.sizeof(Commitment)
 TEXT_CAPACITY = 4096
 MAX_DOFS = 300
-"""Most degrees of freedom with which ends may be implicit: factors are dense."""
+"""Most degrees of freedom of a model with implicit ends, as its factors are dense."""
 EARLY_KEPT, EARLY_REPLACED = 1, 2
-"""Values of `early_pull`: the evaluation of the actuators keeps or replaces it."""
+"""Values of `early_pull` if the later evaluation of actuators keeps or replaces it."""
 REFERENCE_STAGE = 5
+"""Stage of the pose `qpos0`, see `shape_at`."""
 
 
 @internal
@@ -133,10 +131,9 @@ def save_sizes(block: Block, model: MjModel, instance: int) -> None:
 
 @internal
 def fits(block: Block, model: MjModel, instance: int) -> bool:
-    """Return whether a block was made for this model's instance.
+    """Return whether a block was made for a model like this one.
 
-    With a model of other sizes, or in another order, a cable would write beyond its
-    block or its state.
+    With other sizes or another order a cable would write beyond its block or state.
     """
     for end in range(2):
         actuator = block.actuators[end]
@@ -240,10 +237,10 @@ def kernel_state(state: int, n: int) -> FloatArray:
 
 @internal
 def shape_at(block: Block, stage: int) -> int:
-    """Return the address of a path's measurements at a stage.
+    """Return the address of the path at a stage.
 
     Stage 0 is the present position, 1 to 4 are the stages of RK4, and `REFERENCE_STAGE`
-    is `qpos0`. They are the wrap angles of the segments [rad] or, for an open cable,
+    is `qpos0`. A path has the wrap angles of the segments [rad] or, for an open cable,
     the result of `measure_path`.
     """
     return int(block + block.shapes + block.shape_bytes * stage)

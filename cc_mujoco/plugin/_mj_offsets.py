@@ -92,7 +92,7 @@ def _members(fields: Any) -> list[tuple[str, Any]]:
 
 
 def _type(node: Any, extent: tuple[Any, ...] | None = None) -> Any:
-    """Return the `ctypes` type of a node; `extent` are sizes of what it points to."""
+    """Return the `ctypes` type of a node; `extent` are sizes of the array behind it."""
     if isinstance(node, PointerType):
         if not isinstance(node.inner_type, ValueType) or node.inner_type.name == "void":
             return ctypes.c_void_p

@@ -25,12 +25,12 @@ ARC_SEGMENTS = 4
 class OpenPath(NamedTuple):
     """A cable along a spatial tendon without pulleys, with no conduit after `mouth`."""
 
-    tendon: int  # the tendon
-    mouth: int  # place of a site in its path, 0 where all of it is open
-    guided: int  # segments in the conduit before the mouth
-    n: int  # all segments
-    guides: FloatArray  # guides by segment, see `cable._open_path.measure` (n,)
-    measured: FloatArray  # result of `measure_path`
+    tendon: int  # index of the tendon
+    mouth: int  # index of a site in its path, 0 where all of it is open
+    guided: int  # number of segments in the conduit before the mouth
+    n: int  # number of all segments
+    guides: FloatArray  # guides, see `cable._open_path.measure` (n,)
+    measured: FloatArray  # shape, the result of `measure_path`
 
 
 @internal
@@ -61,7 +61,7 @@ def places_size(model: MjModel, tendon: int) -> int:
 
 @internal
 def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
-    """Write places of a path, as last evaluated, see `cable/_path_geometry.py`."""
+    """Write the `places` of a path as last evaluated, see `cable/_path_geometry.py`."""
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     number, first = model.tendon_num[tendon], data.wrap_xpos.ctypes.data
     for k in range(number):
@@ -152,10 +152,10 @@ def apply_pulls(
     aside: int,
     target: int,
 ) -> None:
-    """Add the generalized forces of a path's pieces to a sum (nv,).
+    """Add the generalized forces of a path's pieces to the sum (nv,) at `target`.
 
-    `target` is the address of the sum, and `data` is at the position where the path was
-    measured. Other arguments are those of `cable._open_path.pull_forces`.
+    `data` is at the position where the path was measured. Other arguments are those of
+    `cable._open_path.pull_forces`.
     """
     start, number = model.tendon_adr[path.tendon], model.tendon_num[path.tendon]
     ffi.mark_stack(data)
@@ -186,10 +186,10 @@ def apply_pulls(
 
 
 class _Anchor(NamedTuple):
-    """An end of a piece: address of a point on a body, and the body."""
+    """An end of a piece of a path."""
 
-    point: int
-    body: int
+    point: int  # address of its position in the world
+    body: int  # index of the body that it is on
 
 
 @internal

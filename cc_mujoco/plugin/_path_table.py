@@ -95,9 +95,9 @@ class _Walk:
     """A simulation that measures a cable's path pose by pose.
 
     Attributes:
-        wrap: wrap of the segments in the last pose (n,) [rad].
-        contact: length over which they rub (n,) [m].
-        longer: growth of the path at every node since the last pose (n + 1,) [m].
+        wrap: wrap angles of the segments in the last pose (n,) [rad].
+        contact: lengths over which they rub (n,) [m].
+        longer: growth of the path at every node since the pose before (n + 1,) [m].
         length: length of an open path at every node (n + 1,) [m].
     """
 
@@ -204,7 +204,7 @@ def _route_of(
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
-    """Return the `Route` by name of every cable whose path or bends a tendon gives."""
+    """Return the `Route` of every cable that a tendon guides or bends, by name."""
     led = {
         name: cable
         for name, cable in cables.items()

@@ -95,7 +95,7 @@ class Reader:
         """Place of the energy dissipated since reset [J]."""
         self._given: tuple[Any, ...] = self.start, guided_compliance(cable)
         if cable.path != PATHS[0]:
-            # The first that is remembered of a path, see `_instance_data.path_memory`.
+            # Lengths come first in a path's memory, see `_instance_data.path_memory`.
             lengths = self.start + kernel.state_size(cable.segments) + PATH_MEMORY
             packed = None
             if cable.clearance > 0.0:
@@ -193,7 +193,7 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
 def numbers_of(
     name: str, model: mujoco.MjModel, data: mujoco.MjData, instance: int, count: int
 ) -> FloatArray:
-    """Return the `count` numbers that a compiled function writes of an instance."""
+    """Return the `count` numbers that callback `name` writes about an instance."""
     out = np.full(count, np.nan)
     call = plugin_function(name)
     call(model._address, data._address, instance, out.ctypes.data)

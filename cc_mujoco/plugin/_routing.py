@@ -39,8 +39,8 @@ def _survey(
 ) -> float:
     """Measure an open path at the last evaluated position and store it as a stage.
 
-    Return its length from the mouth on [m]. `known` is false while the path in `qpos0`
-    is measured, from which the part inside the conduit is copied otherwise.
+    Return its length from the mouth on [m]. Unless the path is that in `qpos0`, which
+    is not `known` yet, its part inside the conduit is copied from there.
     """
     led = blocks.path_of(block, stage)
     reach = path.measure_path(model, data, led)
@@ -67,7 +67,7 @@ def _bend_inside(
 
 @internal
 def seats_with_route(block: Block) -> bool:
-    """Return whether only the state knows the clearance that a moving route takes."""
+    """Return whether a guided cable has clearance in bends that its route moves."""
     guided = block.bends_with_route == 1 and not blocks.is_open(block)
     return guided and bool(blocks.parameters(block)[config.KEY.clearance] > 0.0)
 

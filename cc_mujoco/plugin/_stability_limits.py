@@ -131,7 +131,7 @@ def node_moments(
     stiffness: FloatArray,
     out: ffi.FloatMatrix,
 ) -> None:
-    """Write `spring_timesteps` rows of an open path's nodes to `out` (n + 1, nv)."""
+    """Write the `moment` of `spring_timesteps` for an open path's nodes to `out`."""
     ffi.mark_stack(data)
     node = ffi.borrow_floats(data, led.n + 1)
     tried = ffi.borrow_floats(data, out.shape[1])
@@ -161,20 +161,18 @@ def warn_long_step(
 ) -> None:
     """Warn, once for a time step, that it exceeds the `limit` of end or path [s]."""
     parts = "its proximal end", "its distal end", "its open path"
-    start, step = message.used, model.opt.timestep
+    step = model.opt.timestep
     ffi.append(message, parts[part])
+    start = message.used
     ffi.append_thousandths(message, step, " ms")
     if ffi.warned_once(message, model.signature):
         return
     message.used = start
-    ffi.append(message, parts[part])
     ffi.append(message, " is stable only with a `timestep` below ")
-    ffi.append_thousandths(message, limit, " ms")
-    ffi.append(message, ", but that is ")
-    ffi.append_thousandths(message, step, " ms")
-    ffi.append(
-        message,
-        "; shorten it, or give what this moves more inertia (`armature`) or the cable "
-        "fewer `segments`",
+    ffi.append_thousandths(message, limit, " ms, but that is ")
+    rest: ffi.Bytes = (
+        " ms; shorten it, or give what this moves more inertia (`armature`) or the "
+        "cable fewer `segments`"
     )
+    ffi.append_thousandths(message, step, rest)
     ffi.warn(message)

@@ -80,18 +80,16 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
         warn_once(model, instance, NO_TIMESTEP)
     elif block == 0 or block.other_kind != 0:
         warn_once(
-            model,
-            instance,
+            model, instance,
             "its data were made by a model with other sizes or another kind of path, "
             "so the cable does not pull; make new data of this model",
-        )
+        )  # fmt: skip
     else:
         warn_once(
-            model,
-            instance,
+            model, instance,
             "its tension is no finite number: its part of `plugin_state`, its route or "
             "the motion of an end is none; reset the data",
-        )
+        )  # fmt: skip
 
 
 @internal
@@ -129,8 +127,7 @@ def refuse_open_path(
         ffi.append(
             message, "key `conduit` has the wrong length: the path of its tendon is "
         )
-        ffi.append_thousandths(message, true, " mm")
-        ffi.append(message, " long in the pose `qpos0`")
+        ffi.append_thousandths(message, true, " mm long in the pose `qpos0`")
     elif has_no_passive(model):
         ffi.append(message, NO_PASSIVE)
     else:
@@ -152,10 +149,9 @@ def _no_effect_reason(
 ) -> ffi.Bytes:
     """Return the reason why a key of an open cable has no effect, or an empty text.
 
-    `places` is the number of sites and geoms with friction in its path, `arcs` the
-    number of them that are geoms or sites with a radius, `mouth` the index of the
-    conduit's mouth, 0: none. `tied` tells whether the proximal and the distal end are
-    tied to the tendon.
+    `places` is the number of sites and geoms with friction in its path, `arcs` that of
+    geoms and sites with a radius among them, `mouth` the index of the conduit's mouth,
+    0: none. `tied` is not 0 for an end that is tied to the tendon.
     """
     if mouth == 0 and places == 0 and key == config.KEY.friction:
         return "the path rubs at no site and on no geom"
@@ -218,10 +214,9 @@ def warn_short_conduit(
     message = begin_message(room.ctypes.data, model, instance)
     ffi.append(message, "key `conduit` is ")
     if not ffi.warned_once(message, model.signature):
-        ffi.append_thousandths(message, length, " mm")
-        ffi.append(message, " long, and its ends are ")
-        ffi.append_thousandths(message, span, " mm")
-        ffi.append(message, " apart in a straight line; lengthen it")
+        ffi.append_thousandths(message, length, " mm long, and its ends are ")
+        rest: ffi.Bytes = " mm apart in a straight line; lengthen it"
+        ffi.append_thousandths(message, span, rest)
         ffi.warn(message)
 
 
@@ -234,11 +229,8 @@ def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
     joint, or at a site of its tendon.
     """
     attributes = ffi.attributes(model, block.instance)
-    written, first = (
-        config.key_text(attributes, config.KEY.route),
-        np.zeros(2, np.int64),
-    )
-    count, leeway = np.zeros(2, np.int64), 0.0
+    written, leeway = config.key_text(attributes, config.KEY.route), 0.0
+    first, count = np.zeros(2, np.int64), np.zeros(2, np.int64)
     of = np.zeros(2, np.int64)
     count[:] = 1
     if written.size > 0:
@@ -331,13 +323,12 @@ def warn_soft_on_drum(model: MjModel, block: Block) -> None:
     message = begin_message(room.ctypes.data, model, block.instance)
     ffi.append(message, "its pretension stretches it by ")
     if not ffi.warned_once(message, model.signature):
-        ffi.append_thousandths(message, 0.1 * strain, " %")
-        ffi.append(
-            message,
-            ", and rope that leaves its drum at another tension than it was wound at "
+        why: ffi.Bytes = (
+            " %, and rope that leaves its drum at another tension than it was wound at "
             "slips there, which takes work without any friction, the more the softer "
-            "it is; `dissipated` counts it",
+            "it is; `dissipated` counts it"
         )
+        ffi.append_thousandths(message, 0.1 * strain, why)
         ffi.warn(message)
 
 
@@ -527,8 +518,7 @@ def note_position(model: MjModel, data: MjData, lead: Block) -> None:
 
 @internal
 def position_changed(lead: Block, led: float) -> bool:
-    """Return whether the checksum of `qpos` left `led` by more than rounding."""
-    # Rounding makes a smaller difference.
+    """Return whether the checksum of `qpos` differs from `led` beyond rounding."""
     return not abs(lead.position - led) <= 1e-9 * lead.position_size
 
 
@@ -550,7 +540,7 @@ def save_poses(model: MjModel, data: MjData, block: Block) -> None:
 
 @internal
 def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
-    """Return a bound of a tendon's change in the last step by mocap bodies [m]."""
+    """Return a bound of the growth of a tendon by mocap bodies in the last step [m]."""
     if lead.mocap_poses == 0:
         return 0.0
     count, total = model.nmocap, 0.0
@@ -602,13 +592,12 @@ def warn_jump(
     `plugin_state`, the cable is still in its old configuration. Unless `settle` is
     called, one step pulls it to the new pose, with forces that no motion would cause. A
     checksum in the state shows that `qpos` has changed since the last step; then a
-    motion without velocity counts if it changes the tension by 1 %. A joint whose
-    `qpos` is set in every step moves by its velocity: allowed is the larger of those
-    before and after the step, as the latter is zero if it reverses. A path also jumps
-    if MuJoCo leads its tendon the other way around a geom; this creates energy. A mocap
-    body has no velocity, so its motion is measured by its pose. `ends` are
-    displacements [m], `state` is the address of the committed state, and `stage` is
-    that of the path.
+    motion without velocity counts if it changes the tension by 1 %. Allowed is the
+    larger of the velocities before and after the step, as the latter is zero if a joint
+    reverses. A path also jumps if MuJoCo leads its tendon the other way around a geom,
+    which creates energy. The motion of a mocap body is measured by its pose. `ends` are
+    displacements [m], `state` is the address of the committed state, `stage` that of
+    the path.
     """
     block = blocks.block_at(data, instance)
     if block.explicit_ends != 0:  # which joints that are led by hand need

@@ -30,23 +30,22 @@ FUNCTIONS: tuple[Any, ...] = (
     kernel.finish_step, pack.initialize, pack.pack_mesh, pack.expect_yielding,
     nodes.end_stiffness, eccentric.wound_length, eccentric.lever_ratio,
 )  # fmt: skip
-"""Compiled functions that kernels call."""
+"""Functions of `cc_mujoco.cable` that all kernels need."""
 PATH_FUNCTIONS: tuple[Any, ...] = (
     geometry.bend, open_path.measure, open_path.keep_conduit, open_path.lay,
     open_path.contacts, open_path.save_path, open_path.pull_forces, pack.set_path,
     open_path.pack_reference, open_path.remember_bends, pack.expect_change,
     pack.rest_in, at.contact_length, at.tensions,
 )  # fmt: skip
-"""Those that kernels of cables that a tendon leads call too."""
+"""Functions of `cc_mujoco.cable` that kernels of cables guided by a tendon need too."""
 
 
 class Paths(NamedTuple):
-    """Facts about the paths of cables that are known at compile time."""
+    """Facts about the paths of all cables that are known at compile time."""
 
-    # Entry `BENDS_CHANGE` of their parameters; None if they differ.
-    bends: float | None = 0.0
-    lengthens: float | None = 0.0  # entry `PATH_LENGTHENS`; None if they differ
-    bent: bool = False  # whether a tendon bends the conduit of one of them
+    bends: float | None = 0.0  # `BENDS_CHANGE` of their parameters; None if it differs
+    lengthens: float | None = 0.0  # `PATH_LENGTHENS`; None if it differs
+    bent: bool = False  # True if a tendon bends the conduit of one of them
 
     @property
     def led(self) -> bool:
@@ -55,7 +54,7 @@ class Paths(NamedTuple):
 
 
 GUIDED = Paths()
-"""Cables that no tendon leads."""
+"""`Paths` of cables that no tendon guides."""
 
 
 def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
@@ -106,10 +105,9 @@ def functions(
 ) -> SimpleNamespace:
     """Return the Warp functions of cables, by name.
 
-    `real` is `wp.float32` or `wp.float64`. Only `terms` may be on: the others are off
-    in every cable and world and are not compiled. With `yields`, ends may move with
-    their tension within a step, see `_pack.expect_yielding`. `PATH_FUNCTIONS` are
-    included if a tendon guides one of the cables.
+    `real` is `wp.float32` or `wp.float64`. Only `terms` may be on; others are not
+    compiled. With `yields`, ends may yield to their tension, see
+    `_pack.expect_yielding`. `PATH_FUNCTIONS` are included if a tendon guides a cable.
     """
     wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
     library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))

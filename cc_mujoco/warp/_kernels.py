@@ -5,8 +5,8 @@ kept twice: committed, of the step before, and pending, of the last evaluation.
 
 A step has three parts, see `cable/_kernel.py`. On a GPU each is a kernel of its own:
 together they would take more registers than a thread has, and most cables need only two
-of them. A CPU calls the three in turn, so that one scratch serves all. The last kernels
-predict stiff ends over a step, see `plugin/_implicit_ends.py`.
+of them. A CPU calls the three in turn, so that all rows share scratch. The last kernels
+predict implicit ends, see `plugin/_implicit_ends.py`.
 """
 
 # Warp reads the annotations of its kernels, so they are not postponed here.
@@ -29,9 +29,10 @@ _DONE = -1
 ATTEMPTS = 3
 """Most attempts at a step in which an end may become taut or slack."""
 RESET = 2
-"""Freshness of a cable that this evaluation lays at rest; 1 until its first step."""
+"""Value of `fresh` in the evaluation that sets a cable to rest; 1 until it steps."""
 FOLLOWED, TIED = 1, 2
-"""Ends held by a tendon: followed by its velocity, or tied to the cable's own path."""
+"""Values of `followed`: end on a tendon, displaced by the integral of its velocity; end
+tied to the cable's own path."""
 
 
 @wp.struct
@@ -49,32 +50,29 @@ class CableRows:
     """Arrays that an evaluation reads and writes, a row for each cable and world."""
 
     worlds: int  # number of worlds
-    rest_in_pose: bool  # whether a reset lays cables at rest in the pose of the world
-    segments: wp.array(dtype=int)  # segments of each cable (cables,)
-    looks: wp.array(dtype=int)  # not 0 where the ends of a cable look ahead (cables,)
+    rest_in_pose: bool  # True if a reset sets cables to rest in the pose of the world
+    segments: wp.array(dtype=int)  # number of segments (cables,)
+    looks: wp.array(dtype=int)  # not 0 for implicit ends (cables,)
     actuators: wp.array2d(dtype=int)  # actuators at the ends (cables, 2)
-    # Not 0 where an end is tied to the cable's own path (cables, 2).
-    tied: wp.array2d(dtype=int)
-    # Where the ends are, how they yield, lever, and where the step leads, see
-    # `look_ahead` (rows, 9).
+    tied: wp.array2d(dtype=int)  # not 0: end tied to the cable's path (cables, 2)
+    # Displacement [m] and yielding [m/N] of both ends, lever; at the end of the step,
+    # displacement [m] and change by tension [m/N] of both ends (rows, 9).
     aim: wp.array2d(dtype=float)
-    # Displacements and yielding of both ends in the attempt at hand, which of them may
-    # become taut (1) or slack (-1), and which do (rows, 8).
+    # In this attempt, displacement and yielding of both ends; 1 for ends that may
+    # become taut, -1 slack; 1 for those that do (rows, 8).
     trial: wp.array2d(dtype=float)
     status: wp.array(dtype=int)  # status of the attempt (rows,)
     now: wp.array(dtype=int)  # index of the committed one of two states (rows,)
-    stamp: wp.array(dtype=float)  # time of the last evaluation (rows,)
+    stamp: wp.array(dtype=float)  # time of the last evaluation (rows,) [s]
     fresh: wp.array(dtype=int)  # 0 once a cable has taken a step, see `RESET` (rows,)
     followed: wp.array2d(dtype=int)  # 0, `FOLLOWED` or `TIED` (cables, 2)
-    rest: wp.array2d(dtype=float)  # lengths of the ends in `qpos0` (cables, 2)
-    # Displacements and moments of followed ends in both states (2, rows, 2) and (2, two
-    # for each row, nv).
-    place: wp.array3d(dtype=float)
-    slope: wp.array3d(dtype=float)
-    prm: wp.array2d(dtype=float)  # packed parameters
-    state: wp.array3d(dtype=float)  # committed and pending
+    rest: wp.array2d(dtype=float)  # lengths of the ends in `qpos0` (cables, 2) [m]
+    place: wp.array3d(dtype=float)  # displacement of followed ends (2, rows, 2) [m]
+    slope: wp.array3d(dtype=float)  # moments of followed ends (2, 2 rows, nv)
+    prm: wp.array2d(dtype=float)  # packed parameters (rows, size)
+    state: wp.array3d(dtype=float)  # committed and pending state (2, rows, size)
     work: wp.array2d(dtype=float)  # scratch
-    tensions: wp.array3d(dtype=float)  # out, at the ends (worlds, cables, 2) [N]
+    tensions: wp.array3d(dtype=float)  # tension of the ends (worlds, cables, 2) [N]
 
 
 @lru_cache(maxsize=16)
@@ -94,7 +92,7 @@ def kernels(
         moments: Moments,
         gears: wp.array2d(dtype=wp.spatial_vector),
     ):
-        """Commit or reset the state by the time of the world, and locate the ends."""
+        """Commit or reset the state by the time of the world; find the ends' `aim`."""
         cable, world = wp.tid()
         fresh, stamp, rest, place = rows.fresh, rows.stamp, rows.rest, rows.place
         row = cable * time.shape[0] + world
@@ -127,7 +125,7 @@ def kernels(
                 if fresh[row] == 0:
                     moved *= timestep[world % timestep.shape[0]]
                     moved += place[rows.now[row], row, end]
-                    # A step takes away this share of the error.
+                    # Drift from the true length decays by this share per step.
                     u = moved + 0.01 * (u - moved)
                 place[1 - rows.now[row], row, end] = u
             lever = float(1.0)
@@ -375,9 +373,10 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
         found: wp.array2d(dtype=float),
         velocities: wp.array2d(dtype=float),
     ):
-        """Extrapolate the displacement of the ends over the step, with a compliance.
+        """Predict the motion of implicit ends in the step, and complete `aim`.
 
-        Columns 5 to 8 of `aim` become displacements [m], then changes by tension [m/N].
+        `answers` (ends, worlds, nv) are the accelerations by a unit tension at each
+        end, `found` (worlds, nv) those with unchanged tensions.
         """
         cable, world = wp.tid()
         if rows.looks[cable] == 0:
@@ -428,7 +427,7 @@ def moment_row(
     moments: Moments,
     right: wp.array2d(dtype=float),
 ):
-    """Write the generalised force of a unit tension at one end (worlds, nv)."""
+    """Write the generalised force of a unit tension at one end to `right`."""
     world = wp.tid()
     for i in range(right.shape[1]):
         right[world, i] = 0.0
@@ -453,8 +452,8 @@ def add_forces(
 ):
     """Sum the forces of the step, with tensions and constraints of the step before.
 
-    `ends` is twice the cable, plus the end (0, 1), of each actuator; -1 for others, -2
-    for an end that is tied to the cable's own path.
+    `ends` has for each actuator twice its cable plus its end (0, 1), -1 if it holds no
+    cable, -2 if it is tied to the cable's own path.
     """
     world = wp.tid()
     for i in range(total.shape[1]):

@@ -126,7 +126,7 @@ def require_plain(
 
 
 def require_shared_positions(m: mjw.Model) -> None:
-    """Require that all worlds have the positions on which paths in `qpos0` depend."""
+    """Require that all worlds share the positions that determine paths in `qpos0`."""
     for name in (
         "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
         "geom_quat", "geom_size",
@@ -142,7 +142,7 @@ def require_shared_positions(m: mjw.Model) -> None:
 def end_rate(
     model: mujoco.MjModel, prm: FloatArray, n: int, actuator: int, end: int
 ) -> float:
-    """Return the squared frequency of an end while friction holds the rest [1/s^2]."""
+    """Return the squared frequency of an end (0, 1) alone on a held cable [1/s^2]."""
     target = model.actuator_trnid[actuator, 0]
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         dof = model.jnt_dofadr[target]

@@ -28,34 +28,27 @@ from cc_mujoco.warp._place_kernels import (
 class PathRows:
     """Tendons that guide the cables, and their paths."""
 
-    # Index of the tendon, -1 where nothing leads a cable (cables,).
-    tendons: wp.array(dtype=int)
-    starts: wp.array(dtype=int)  # place of its path in `wrap_type` (cables,)
-    numbers: wp.array(dtype=int)  # places of its path (cables,)
+    tendons: wp.array(dtype=int)  # index of the tendon, -1: none (cables,)
+    starts: wp.array(dtype=int)  # start of its path in `wrap_type` (cables,)
+    numbers: wp.array(dtype=int)  # number of places of its path (cables,)
     mouths: wp.array(dtype=int)  # place where the conduit ends, 0: none (cables,)
-    guided: wp.array(dtype=int)  # segments in the conduit (cables,)
-    bends: wp.array(dtype=int)  # not 0 where the tendon bends the conduit (cables,)
+    guided: wp.array(dtype=int)  # number of segments in the conduit (cables,)
+    bends: wp.array(dtype=int)  # not 0 if the tendon bends the conduit (cables,)
     guides: wp.array2d(dtype=float)  # see `cable._open_path.measure` (cables, places)
-    # Of the places of all tendons, as `_path_geometry.SPHERE`.
-    kinds: wp.array(dtype=float)
-    objects: wp.array(dtype=int)  # site or geom of these places
-    bodies: wp.array(dtype=int)  # bodies that they belong to
-    # Last degree of freedom that moves a body, -1: none (bodies,).
-    last_dofs: wp.array(dtype=int)
-    # Degree of freedom that moves the body before, -1: none (nv,).
-    parents: wp.array(dtype=int)
+    kinds: wp.array(dtype=float)  # kind as `_path_geometry.SPHERE` (all places,)
+    objects: wp.array(dtype=int)  # index of site or geom (all places,)
+    bodies: wp.array(dtype=int)  # body of site or geom (all places,)
+    last_dofs: wp.array(dtype=int)  # last degree of freedom, -1: none (bodies,)
+    parents: wp.array(dtype=int)  # degree of freedom before, -1: none (nv,)
     roots: wp.array(dtype=int)  # root body (bodies,)
-    reference: wp.array2d(dtype=float)  # path in the pose `qpos0`
-    memory: wp.array3d(dtype=float)  # path, committed and pending
-    shape: wp.array2d(dtype=float)  # path now
+    reference: wp.array2d(dtype=float)  # shape in the pose `qpos0`
+    memory: wp.array3d(dtype=float)  # memory of the path, committed and pending
+    shape: wp.array2d(dtype=float)  # shape of the path now
     near: wp.array2d(dtype=float)  # bodies of the path, see `_place_kernels.locate`
-    # Places of the path from there, see `cable/_path_geometry.py`.
-    places: wp.array2d(dtype=float)
-    # Forces of the pieces, see `cable._open_path.pull_forces`.
-    forces: wp.array2d(dtype=float)
-    gained: wp.array2d(dtype=float)  # scratch, by node
-    # Out, force of the pieces on the degrees of freedom (rows, nv).
-    pulls: wp.array2d(dtype=float)
+    places: wp.array2d(dtype=float)  # places from there, see `cable/_path_geometry.py`
+    forces: wp.array2d(dtype=float)  # see `cable._open_path.pull_forces`
+    gained: wp.array2d(dtype=float)  # scratch (rows, nodes)
+    pulls: wp.array2d(dtype=float)  # generalised forces of the pieces (rows, nv)
 
 
 @wp.func
@@ -71,9 +64,10 @@ def _draw(
     centres: wp.array(dtype=wp.vec3),
     motions: wp.array(dtype=wp.spatial_vector),
 ):
-    """Add the force of a piece on its first body, and the opposite on its second.
+    """Add the generalised force of a piece to `pulls`.
 
-    Degrees of freedom that move both bodies get none. Points are relative to `origin`.
+    `force` acts on its first body, the opposite on its second; degrees of freedom that
+    move both bodies get none. Points are relative to `origin`.
     """
     i = int(paths.last_dofs[first_body])
     j = int(paths.last_dofs[second_body])

@@ -22,7 +22,7 @@ from cc_mujoco.warp._place_kernels import Links, Pose
 
 
 class Views:
-    """Warp structure of arrays of a model and, from field `of_data` on, of its data.
+    """Warp structure of a model's arrays and, from field `of_data` on, its data's.
 
     It is rebuilt when one of the arrays has been replaced.
     """
@@ -52,7 +52,7 @@ def links_of(
     bodies: NDArray[np.int32],
     device: Any,
 ) -> tuple[Any, int]:
-    """Return the `Links` of tendons that guide cables, and their largest number."""
+    """Return the `Links` of tendons that guide cables, and the most of one tendon."""
     starts, numbers, carriers = np.zeros((3, model.ntendon), np.int32)
     places = np.full(bodies.size, -1, np.int32)
     linked: list[int] = []
@@ -101,9 +101,9 @@ class LedCables:
     ) -> None:
         """Allocate the arrays.
 
-        `routes` are None for cables without a tendon. `matrix` makes an array with this
-        number of columns, and of planes before it, and a row for each cable and world;
-        `kernels` are arguments of `path_kernels`.
+        `routes` are None for cables without a tendon. `matrix` returns an array with a
+        row for each cable and world, and these numbers of columns and planes; `kernels`
+        are arguments of `path_kernels`.
         """
         own = path_kernels(*kernels)
         self._own, self._of_cables = own, of_cables
@@ -143,10 +143,8 @@ class LedCables:
             self._array, heads
         )
         rows.numbers, rows.objects = self._array(numbers), self._array(objects)
-        rows.bodies, rows.last_dofs = (
-            self._array(bodies),
-            self._array(_last_dofs(model)),
-        )
+        rows.bodies = self._array(bodies)
+        rows.last_dofs = self._array(_last_dofs(model))
         rows.parents = self._array(model.dof_parentid)
         rows.roots = self._array(model.body_rootid)
         rows.reference, rows.shape = matrix(size), matrix(size)
@@ -187,7 +185,7 @@ class LedCables:
         self._launch(self._own.lay)
 
     def pull(self, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any) -> None:
-        """Add the forces of the pieces to those on the degrees of freedom (worlds, nv).
+        """Add the generalised forces of the pieces to `total` (worlds, nv).
 
         With `is_pending` the tensions are those after the step, otherwise those before.
         """

@@ -19,17 +19,14 @@ from cc_mujoco.cable import _path_geometry as geometry
 
 @wp.struct
 class Links:
-    """Bodies between the places of paths and the body that carries a whole path."""
+    """Links: bodies between a tendon's places and the carrier of its whole path."""
 
     starts: wp.array(dtype=int)  # first link of each tendon (tendons,)
-    # Links of each tendon, parents before children (tendons,).
-    numbers: wp.array(dtype=int)
+    numbers: wp.array(dtype=int)  # number of links, parents first (tendons,)
     carriers: wp.array(dtype=int)  # body that carries the whole path (tendons,)
-    bodies: wp.array(dtype=int)  # bodies of all links
-    # Link that carries a link, counted from the first of its tendon; -1: the body that
-    # carries the whole path.
-    above: wp.array(dtype=int)
-    places: wp.array(dtype=int)  # link of every place of all tendons, likewise
+    bodies: wp.array(dtype=int)  # body of each link (links,)
+    above: wp.array(dtype=int)  # parent within the tendon, -1: carrier (links,)
+    places: wp.array(dtype=int)  # link within the tendon, -1: carrier (all places,)
 
 
 @wp.struct
@@ -80,13 +77,13 @@ def _write_vector(row: wp.array(dtype=float), i: int, v: wp.vec3):
 
 @wp.func
 def _turn_of(q: wp.quat):
-    """Return MuJoCo's quaternion, real part first, as one of Warp."""
+    """Return a quaternion of MuJoCo, real part first, as one of Warp."""
     return wp.quat(q[1], q[2], q[3], q[0])
 
 
 @wp.func
 def _turn_about(axis: wp.vec3, angle: float):
-    """Return the rotation about an axis; sine and cosine of Warp would need a stack."""
+    """Return the rotation about an axis by series, as Warp's sine needs a stack."""
     half = 0.5 * angle
     half -= wp.static(math.pi) * wp.round(half * wp.static(1.0 / math.pi))
     q = half * half  # up to (pi / 2)^2; the opposite quaternion is the same turn
@@ -146,7 +143,7 @@ def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.qu
 def locate(
     links: Links, pose: Pose, tendon: int, world: int, near: wp.array(dtype=float)
 ):
-    """Place the links of a tendon, relative to a point of its first link at rest.
+    """Locate the links of a tendon relative to a point, its first link at rest.
 
     `near` becomes that point in the world, then the vectors from it to all links.
     """
@@ -177,7 +174,7 @@ def _attached(
     links: Links, pose: Pose, tendon: int, world: int, place: int, own: wp.vec3,
     near: wp.array(dtype=float),
 ):  # fmt: skip
-    """Return the vector from the point of `near` to a point of the body at a place."""
+    """Return the vector from the point of `near` to point `own` of a place's body."""
     link, start = links.places[place], links.starts[tendon]
     if link >= 0:
         turn = _turn_of(pose.xquat[world, links.bodies[start + link]])

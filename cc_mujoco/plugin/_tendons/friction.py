@@ -111,8 +111,8 @@ def add_friction(
             `axial_stiffness` that its time step bears, at most `MAX_STIFFNESS`.
 
     Returns:
-        What became of all that the tendon had; its text is a line for each. Of several
-        tendons the text is a line for each tendon, and `parts` has their accounts.
+        Report on everything that acted on the tendon, a line for each. Of several
+        tendons it has a line for each tendon, and `parts` has their reports.
 
     Raises:
         CableError: there is no such tendon, it is fixed or belongs to a cable already,
@@ -205,13 +205,12 @@ def add_friction(
 
 @dataclasses.dataclass
 class _Takeover:
-    """A tendon that is turned into cables: the arguments, and what was planned."""
+    """A tendon that is turned into cables: the arguments and the plan."""
 
     burden: burdens.Burden  # loads on the tendon
-    motor: tuple[Any, float] | None  # drum at its proximal end, if any
-    joint: tuple[Any, float] | None  # drum at its distal end, if any
-    # Radius [m] and inertia [kg m^2] of the drum of its winch, if given.
-    drum: tuple[float, float] | None
+    motor: tuple[Any, float] | None  # joint and radius of a drum at its proximal end
+    joint: tuple[Any, float] | None  # joint and radius of a drum at its distal end
+    drum: tuple[float, float] | None  # radius [m], inertia [kg m^2] of its winch's drum
     given: dict[str, Any]  # parameters of its cables, by name
     winch: winching.Winch | None = None  # winch that takes over its burden, if needed
     # Cables of its branches, each with the name of its branch as `route`.

@@ -226,7 +226,7 @@ class TendonReport:
 
     Attributes:
         tendons: the tendons, in the order of the model.
-        skipped: why others are left out, by name.
+        skipped: reasons why other tendons are left out, by name.
     """
 
     tendons: tuple[TendonSummary, ...]

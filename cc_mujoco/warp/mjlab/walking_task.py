@@ -62,7 +62,7 @@ from cc_mujoco.warp.mjlab._terms import cable_tension, capture_cables, randomize
 
 JOINTS = tuple(f"{side}_{part}" for side in WALKING_SIDES for part in WALKING_JOINTS)
 _STARTS = np.linspace(0.1, 0.4, 31)
-"""Parts of a right step in which worlds start."""
+"""Phases of a step of the right leg at which worlds start."""
 
 
 @dataclass(kw_only=True)
@@ -76,7 +76,7 @@ class WalkCfg(ActionTermCfg):
     policy: WalkingPolicy | None = None
     """Policy; by default the one that ships."""
     adaptation: float = 1.0
-    """Part of the expected help that the person leaves out, see `WalkingEnv`."""
+    """Fraction of the expected assistance by which the person's ankles push less."""
 
     def build(self, env: Any) -> Walker:
         """Return the action term of this configuration."""

@@ -105,16 +105,9 @@ def solve(
 
 @internal
 def lay_evenly(
-    first: int,
-    last: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    proximal: float,
-    proximal_bound: bool,
-    distal: float,
-    distal_bound: bool,
-    shift: FloatArray,
-) -> None:
+    first: int, last: int, tension: FloatArray, stiffness: FloatArray, proximal: float,
+    proximal_bound: bool, distal: float, distal_bound: bool, shift: FloatArray,
+) -> None:  # fmt: skip
     """Set `shift` of the segments between slack nodes so that their strain is even.
 
     Nodes `first` to `last` are slack, so no friction acts between them. `proximal` and
@@ -135,10 +128,7 @@ def lay_evenly(
 
 @internal
 def lay_slack(n: int, chain: Chain, free: FloatArray, motion: ChainMotion) -> None:
-    """Strain slack cable evenly, by `lay_evenly`, wherever friction does not hold it.
-
-    `free` (n,) is not 0 for segments that have no friction without tension.
-    """
+    """Strain slack cable evenly, but for segments that friction holds (`free` 0)."""
     tension, slack, shift = chain.tension, motion.slack, motion.shift
     first = 0
     while first < n:
@@ -171,12 +161,9 @@ def lay_slack(n: int, chain: Chain, free: FloatArray, motion: ChainMotion) -> No
 
 @internal
 def break_away(
-    chain: Chain,
-    s: int,
-    way: float,
-    growth_distal: FloatArray,
+    chain: Chain, s: int, way: float, growth_distal: FloatArray,
     growth_proximal: FloatArray,
-) -> bool:
+) -> bool:  # fmt: skip
     """Give a slipping segment its kinetic ratios; return whether they have changed.
 
     It slips to distal if `way` > 0, to proximal if `way` < 0. `growth_distal` and

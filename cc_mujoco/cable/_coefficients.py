@@ -164,10 +164,7 @@ def commit(
     prm: FloatArray, n: int, tension: FloatArray, proximal_kind: int, distal_kind: int,
     step: Step,
 ) -> None:  # fmt: skip
-    """Write ends, tensions, slip memory and dissipated energy to the new state.
-
-    `tension` (n + 1,) [N] is that of the nodes before the ends moved.
-    """
+    """Complete the new state; `tension` (n + 1,) [N] is that before the ends moved."""
     state, new_state, work = step.state, step.new_state, step.work
     stiffness = at.node_stiffness(prm, n)
     shift = at.row(work, n, at.SHIFT)
@@ -255,10 +252,7 @@ def commit(
 
 @internal
 def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> None:
-    """Write slip distance, slip speed and contact age of every segment.
-
-    `slipped` (n,) is the slip in this step [m].
-    """
+    """Write slip distance, speed and contact age after a slip of `slipped` (n,) [m]."""
     state, new_state, dt, values = step.state, step.new_state, step.dt, at.scalars(prm)
     remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)

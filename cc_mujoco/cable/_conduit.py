@@ -354,20 +354,11 @@ def replay(
 
 @compiled
 def _play(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal: FloatArray,
-    distal_kind: int,
-    distal: FloatArray,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-    summary: FloatMatrix,
-    tension: FloatMatrix,
+    prm: FloatArray, n: int, state: FloatArray, proximal_kind: int,
+    proximal: FloatArray, distal_kind: int, distal: FloatArray, dt: float,
+    new_state: FloatArray, work: FloatArray, summary: FloatMatrix, tension: FloatMatrix,
     direction: ByteMatrix,
-) -> None:
+) -> None:  # fmt: skip
     t = kernel.STATE_HEADER
     for row in range(proximal.size):
         if interrupted(row):

@@ -39,20 +39,14 @@ class CoupledPath:
     joint: FloatArray  # (angles,) angle of the joint, increasing by equal steps [rad]
     wrap: FloatArray  # (angles, n) wrap angle of the segments [rad]
     contact: FloatArray  # (angles, n) length over which the segments rub [m]
-    # (angles, n + 1) growth of the path at every node since angle 0 [m]; 0 inside a
-    # conduit
-    gained: FloatArray
-    # (angles,) displacement of the distal end from where it is at 0 [m]; 0 where it is
-    # tied to the end of the path
-    distal: FloatArray
-    # (angles, n + 1) length of path that every node stands for [m]; empty where the
-    # sections of the cable give it
+    gained: FloatArray  # (angles, n + 1) growth of the path at nodes since angle 0 [m]
+    distal: FloatArray  # (angles,) distal displacement since angle 0 [m]; 0 if tied
+    # (angles, n + 1) length of path at every node [m]; empty if all is in a conduit
     length: FloatArray
     guided: int  # number of segments inside a conduit
-    # (angles, n + 1) change of `gained` per angle of the joint [m/rad]; None where that
-    # is its slope in the table
+    # (angles, n + 1), (angles,) slopes of `gained` and `distal` by the joint's angle
+    # [m/rad]; None: found from the table
     gain: FloatArray | None = None
-    # (angles,) change of `distal` per angle of the joint [m/rad], or None
     arm: FloatArray | None = None
 
     @property
@@ -111,14 +105,9 @@ class CoupledCables:
         return Driven(motor, torques[0], joint, torques[1], proximal, distal, lost)
 
     def _played(
-        self,
-        cable: Cable,
-        course: CoupledPath,
-        sign: float,
-        dt: float,
-        motor: FloatArray,
-        joint: FloatArray,
-    ) -> FloatArray:
+        self, cable: Cable, course: CoupledPath, sign: float, dt: float,
+        motor: FloatArray, joint: FloatArray,
+    ) -> FloatArray:  # fmt: skip
         arm = np.array([sign * self.motor_radius])
         prm = _pack_on_path(cable, course)
         cables = stepper.Cables(
@@ -199,10 +188,7 @@ def _between_rows(table: FloatArray, row: int, share: float) -> float:
 
 @internal
 def _table_position(tables: _Tables, joint: float) -> tuple[int, float]:
-    """Return the table row at or before an angle, and the fraction to the next row.
-
-    The fraction is NaN if the angle is.
-    """
+    """Return the row at or before an angle, and the fraction to the next, or NaN."""
     at = (joint - tables.first) / tables.step
     if math.isnan(at):
         return 0, at
@@ -213,16 +199,10 @@ def _table_position(tables: _Tables, joint: float) -> tuple[int, float]:
 
 @compiled
 def _play(
-    cables: stepper.Cables,
-    tables: _Tables,
-    motor: FloatArray,
-    joint: FloatArray,
-    dt: float,
-    states: FloatMatrix,
-    work: FloatArray,
-    nodes: FloatMatrix,
+    cables: stepper.Cables, tables: _Tables, motor: FloatArray, joint: FloatArray,
+    dt: float, states: FloatMatrix, work: FloatArray, nodes: FloatMatrix,
     out: FloatMatrix,
-) -> None:
+) -> None:  # fmt: skip
     """Replay angles of `motor` and `joint` (samples,) [rad] through one cable.
 
     Rows of `out` (5, samples): proximal and distal tension [N], torque on joint and on

@@ -66,14 +66,9 @@ def passing_ratio(
 
 @internal
 def turn(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    new_state: FloatArray,
-    end: int,
-    paid: float,
-    ratio: float,
-) -> float:
+    prm: FloatArray, n: int, state: FloatArray, new_state: FloatArray, end: int,
+    paid: float, ratio: float,
+) -> float:  # fmt: skip
     """Update the layers of the drum at an end (0, 1); return the slip heat [J].
 
     `paid` and its stretch `ratio` are those of `passing_ratio`. `new_state` has the

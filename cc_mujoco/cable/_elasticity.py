@@ -51,10 +51,7 @@ class Piece(NamedTuple):
 
 @internal
 def compliance_at(piece: Piece, tension: float) -> float:
-    """Return the derivative of the stretch by the tension [m/N].
-
-    Where loading turns into unloading it is that of loading.
-    """
+    """Return the derivative of the stretch by the tension [m/N]."""
     pull = max(tension, 0.0)
     smooth = _smooth_secant(piece, pull, pull)
     return smooth if piece.spring == 0.0 else smooth + spring_slope(piece, tension)
@@ -198,11 +195,9 @@ def tension_of(piece: Piece, stretch: float) -> float:
 
 @internal
 def _tension_with_spring(piece: Piece, stretch: float) -> float:
-    """Return the tension [N] at a stretch > 0 [m] of a piece with a soft spring.
-
-    Between the tensions at which the bristle begins to slide the stretch is concave, so
-    Newton's steps rise to the root from the lower one.
-    """
+    """Return the tension [N] at a stretch > 0 [m] of a piece with a soft spring."""
+    # Between tensions at which the bristle begins to slide the stretch is concave, so
+    # Newton's steps rise to the root from the lower one.
     sliding = piece.returned * piece.held
     tension, slope = 0.0, 1.0 / piece.returned  # of T_held by the tension
     if stretch >= stretch_of(piece, piece.held):
@@ -236,10 +231,7 @@ def _root(taut: float, most: float, half: float, stretch: float) -> float:
 
 @internal
 def energy_at(piece: Piece, tension: float) -> float:
-    """Return the elastic energy [J] at a tension [N]; 0 if slack.
-
-    For a spring with a bristle it is the work that unloading returns.
-    """
+    """Return the elastic energy at a tension, the work that unloading returns [J]."""
     if tension <= 0.0:
         return 0.0
     stored = piece.bedding * piece.half * _stored(tension / piece.half)
@@ -277,18 +269,8 @@ def bristle_heat(piece: Piece, before: float, after: float) -> float:
 
 
 @internal
-def work_between(piece: Piece, before: float, after: float) -> float:
-    """Return the work of stretching a piece from one tension to another [J]."""
-    gained = energy_at(piece, after) - energy_at(piece, before)
-    return gained + bristle_heat(piece, before, after)
-
-
-@internal
 def _stored(x: float) -> float:
-    """Return a saturating stretch's energy over final stretch times half tension.
-
-    `x` is its tension over the half tension.
-    """
+    """Return energy / (final stretch x half tension) at x = tension / half tension."""
     if x < 1e-3:
         # Series of ln(1 + x) - x / (1 + x), which loses its digits here.
         return x * x * (0.5 - x * (2.0 / 3.0 - x * (0.75 - x * 0.8)))

@@ -250,26 +250,18 @@ def wrap_factor(
 
 
 @internal
-def _load_factor(values: FloatArray, mean: float) -> float:
-    """Return the factor on friction of a segment at its `mean` tension [N]."""
-    exponent: float = values[PLACE.tension_exponent]
-    if exponent == 0.0:
-        return 1.0
-    load = max(mean / values[PLACE.pretension], 0.01)
-    return float(load**exponent)
-
-
-@internal
 def changed_coefficients(
     values: FloatArray, moving: float, resting: float, drift: float, mean: float,
     age: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Return friction coefficients of slip and at rest, changed by time, load and age.
 
-    `moving` and `resting` are those without, `drift` is the `drift_factor`, `mean` the
-    tension [N], `age` that of `age_after_step`.
+    `moving` and `resting` are the unchanged ones, `drift` is the `drift_factor`, `mean`
+    the mean tension of the segment [N], `age` that of `age_after_step`.
     """
-    factor = drift * _load_factor(values, mean)
+    factor, exponent = drift, values[PLACE.tension_exponent]
+    if exponent != 0.0:
+        factor *= max(mean / values[PLACE.pretension], 0.01) ** exponent
     aged = values[PLACE.ageing_friction] * age
     # Without memory the first slip renews the contacts.
     kept = aged if values[PLACE.critical_slip_distance] > 0.0 else 0.0

@@ -32,13 +32,9 @@ PATH_TOLERANCE = 1e-9
 
 @internal
 def overcome_direction(
-    proximal: float,
-    distal: float,
-    hold_distal: float,
-    hold_proximal: float,
-    drag: float,
-    tolerance: float,
-) -> int:
+    proximal: float, distal: float, hold_distal: float, hold_proximal: float,
+    drag: float, tolerance: float,
+) -> int:  # fmt: skip
     """Return the direction in which a segment at rest breaks away, 0 if it holds.
 
     `proximal` and `distal` are its tensions [N], `hold_distal` and `hold_proximal` the
@@ -114,10 +110,7 @@ def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) ->
 def _run(
     front: _Front, near: int, stop: int, chain: CoulombChain, direction: int
 ) -> int:
-    """Carry a front on while segments slip in `direction`; return the node reached.
-
-    It stops before the node `stop`.
-    """
+    """Carry a front on while segments slip, before `stop`; return the node reached."""
     step = 1 if stop > near else -1
     way, going = step * direction, float(direction)
     c, e = front.c[near], front.e[near]
@@ -199,14 +192,9 @@ def _null_slip(
 
 @compiled
 def march(
-    n: int,
-    chain: CoulombChain,
-    proximal: float,
-    distal: float,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
-) -> bool:
+    n: int, chain: CoulombChain, proximal: float, distal: float, shift: FloatArray,
+    node: FloatArray, work: FloatArray,
+) -> bool:  # fmt: skip
     """Solve one step by marching the two fronts; return whether that applies.
 
     The ends move by `proximal` and `distal` [m]. Results, undefined if it does not
@@ -380,14 +368,9 @@ def march(
 
 @compiled
 def repeat_slip(
-    n: int,
-    chain: CoulombChain,
-    proximal: float,
-    distal: float,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
-) -> bool:
+    n: int, chain: CoulombChain, proximal: float, distal: float, shift: FloatArray,
+    node: FloatArray, work: FloatArray,
+) -> bool:  # fmt: skip
     """Solve a step as if the segments slip, or rest, exactly as in the last step.
 
     Return whether that is the solution: those that slip go on, friction holds the

@@ -262,15 +262,9 @@ def solve_by_graph(n: int, chain: Chain, motion: ChainMotion, work: FloatArray) 
 
 @compiled
 def sweep(
-    n: int,
-    last: FloatArray,
-    chain: Chain,
-    growth_distal: FloatArray,
-    growth_proximal: FloatArray,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
-) -> None:
+    n: int, last: FloatArray, chain: Chain, growth_distal: FloatArray,
+    growth_proximal: FloatArray, shift: FloatArray, node: FloatArray, work: FloatArray,
+) -> None:  # fmt: skip
     """Solve a step from any state, into `shift` and `node` as in `ChainMotion`.
 
     The sign of `last` (n,) is the slip direction of each segment in the step before.

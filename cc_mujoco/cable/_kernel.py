@@ -71,15 +71,9 @@ OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 
 @compiled
 def advance(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    u_proximal: float,
-    u_distal: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> int:
+    prm: FloatArray, n: int, state: FloatArray, u_proximal: float, u_distal: float,
+    dt: float, new_state: FloatArray, work: FloatArray,
+) -> int:  # fmt: skip
     """Advance by one `step` with both ends driven by position [m]."""
     return step(
         prm, n, state, POSITION, u_proximal, POSITION, u_distal, dt, new_state, work
@@ -174,10 +168,7 @@ def step_of(
 def begin_step(
     prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> int:
-    """Apply the changes of `_pre_step.py`, then try the marching fronts.
-
-    This is the first part of `step`. Return OK, NOT_FINITE, MARCHED or UNSOLVED.
-    """
+    """Change tensions by `_pre_step.py`, then try the fronts; return the status."""
     state, new_state, work = step.state, step.new_state, step.work
     whole = new_state[: at.state_size(n)]
     whole[:] = state[: at.state_size(n)]
@@ -328,17 +319,10 @@ def finish_step(
 
 @compiled
 def step(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> int:
+    prm: FloatArray, n: int, state: FloatArray, proximal_kind: int,
+    proximal_value: float, distal_kind: int, distal_value: float, dt: float,
+    new_state: FloatArray, work: FloatArray,
+) -> int:  # fmt: skip
     """Advance a cable by one time step; return OK or NOT_FINITE.
 
     `prm` are its packed parameters and `state` is that before the step, which is not

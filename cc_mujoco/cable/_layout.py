@@ -136,7 +136,7 @@ def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
 def node_length(prm: FloatArray, n: int) -> FloatArray:
     """Return the length of cable that every node represents (n + 1,) [m].
 
-    Where the path may lengthen, it is that of the spring, see `_moving_path.py`.
+    Where the path may lengthen, it is EA times the compliance of the node's cable.
     """
     return prm[_ROWS_START + 6 * n + 2 : _ROWS_START + 7 * n + 3]
 

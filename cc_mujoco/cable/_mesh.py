@@ -34,10 +34,7 @@ SECTION_SIZE = 4
 
 @internal
 def measure_conduit(sections: FloatMatrix) -> tuple[float, float, bool]:
-    """Return length [m] and wrap angle [rad]; True if segments shall be equal.
-
-    They are if the curvature is constant, or the wrap angle not finite.
-    """
+    """Return length [m], wrap angle [rad], and True if its segments shall be equal."""
     length, wrap, even = 0.0, 0.0, True
     for s in range(sections.shape[0]):
         length += sections[s, 0]
@@ -107,12 +104,9 @@ def segment_wraps(sections: FloatMatrix, edges: FloatArray, angles: FloatArray) 
 
 @internal
 def share_clearance(
-    sections: FloatMatrix,
-    edges: FloatArray,
-    angles: FloatArray,
-    clearance: FloatArray,
+    sections: FloatMatrix, edges: FloatArray, angles: FloatArray, clearance: FloatArray,
     seating: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Set `clearance_factors` and `seating_factors` of every segment (n,).
 
     `angles` are those of `segment_wraps`. A segment over several sections has the sum

@@ -98,14 +98,9 @@ def _curved_surface_ratio(prm: FloatArray, low: float, high: float) -> float:
 
 @internal
 def _carried_length(
-    prm: FloatArray,
-    n: int,
-    tension: FloatArray,
-    length: FloatArray,
-    j: int,
-    flow: float,
-    ratio: float,
-) -> float:
+    prm: FloatArray, n: int, tension: FloatArray, length: FloatArray, j: int,
+    flow: float, ratio: float,
+) -> float:  # fmt: skip
     """Return the unstretched length that the path carries from node j to j + 1 [m].
 
     Of the path `flow` [m] moves, back if negative. The nodes (n + 1,) have `tension`
@@ -131,15 +126,9 @@ def _carried_length(
 
 @compiled
 def carry(
-    prm: FloatArray,
-    n: int,
-    tension: FloatArray,
-    before: FloatArray,
-    now: FloatArray,
-    gained: FloatArray,
-    was: FloatArray,
-    bends: FloatArray,
-) -> bool:
+    prm: FloatArray, n: int, tension: FloatArray, before: FloatArray, now: FloatArray,
+    gained: FloatArray, was: FloatArray, bends: FloatArray,
+) -> bool:  # fmt: skip
     """Move a packed cable to another path; return whether its parameters changed.
 
     `PATH_LENGTHENS` is set, and the packed wrap angles are those of the new path. The

@@ -293,10 +293,7 @@ def stretch_between(
 
 @internal
 def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
-    """Return the mean tension of node i over a change of tension [N].
-
-    It is the work of stretching over the stretch; a slack node does no work.
-    """
+    """Return the mean tension of node i over a change: work by stretch, slack 0 [N]."""
     low, high = min(before, after), max(before, after)
     if high <= 0.0:
         return 0.0
@@ -306,7 +303,8 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
     if is_straight:
         return 0.5 * high * (high / (high - low))
     own = node_piece(prm, n, i)
-    gained = elastic.work_between(own, before, after)
+    gained = elastic.energy_at(own, after) - elastic.energy_at(own, before)
+    gained += elastic.bristle_heat(own, before, after)
     return gained / (elastic.stretch_of(own, after) - elastic.stretch_of(own, before))
 
 

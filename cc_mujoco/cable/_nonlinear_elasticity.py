@@ -37,10 +37,7 @@ def tangent_stiffness(
 
 @internal
 def march_linearized(prm: FloatArray, n: int, step: Step, chain: CoulombChain) -> bool:
-    """Solve one step by rounds of `_fronts.march`; return whether they converged.
-
-    They have not if the march does not apply.
-    """
+    """Solve one step by rounds of `_fronts.march`; return whether they converged."""
     proximal, distal = step.proximal - step.state[0], step.distal - step.state[1]
     work, node = step.work, at.tensions(step.new_state, n)
     tension, growth, drag = chain.tension, chain.growth, chain.drag

@@ -139,7 +139,7 @@ def _angle(a: Point, b: Point) -> float:
 def _surface_travel(
     touch: float, first: Point, u: Point, last: Point, v: Point
 ) -> float:
-    """Return the length of path that a geom's surface takes along from a piece [m].
+    """Return the length of path that a moving geom carries away from a piece [m].
 
     The piece first touched the geom, of kind `touch`, at `first` in direction u and
     now does at `last` in direction v, all in the frame of the geom.
@@ -163,14 +163,9 @@ def _surface_travel(
 
 @internal
 def measure(
-    places: FloatArray,
-    number: int,
-    mouth: int,
-    guided: int,
-    n: int,
-    guides: FloatArray,
-    shape: FloatArray,
-) -> float:
+    places: FloatArray, number: int, mouth: int, guided: int, n: int,
+    guides: FloatArray, shape: FloatArray,
+) -> float:  # fmt: skip
     """Measure the open part of a path; return its length from the mouth on [m].
 
     The path has `number` of `places`, see `_path_geometry.py`; the first, the last and
@@ -345,12 +340,9 @@ def path_growth(
 
 @internal
 def lengthen(
-    shape: FloatArray,
-    reference: FloatArray,
-    memory: FloatArray,
-    n: int,
+    shape: FloatArray, reference: FloatArray, memory: FloatArray, n: int,
     gained: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Set `gained` (n + 1,) to the growth of the path at every node since `memory` [m].
 
     `shape` is the path now, `memory` what is saved of it with a state. Where that is 0,
@@ -452,20 +444,15 @@ def remember_bends(shape: FloatArray, n: int, guided: int) -> None:
 
 @internal
 def bends_of(shape: FloatArray, n: int) -> FloatArray:
-    """Return the row of `remember_bends` [rad], 0 where the route does not bend."""
+    """Return the saved wrap angles of segments that the route bends, else 0 [rad]."""
     return _row(shape, n, _BEND)
 
 
 @internal
 def lay(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    shape: FloatArray,
-    reference: FloatArray,
-    memory: FloatArray,
-    gained: FloatArray,
-) -> bool:
+    prm: FloatArray, n: int, state: FloatArray, shape: FloatArray,
+    reference: FloatArray, memory: FloatArray, gained: FloatArray,
+) -> bool:  # fmt: skip
     """Move a packed cable to the path `shape`; return whether its parameters changed.
 
     `memory` is that of `state`, `reference` the shape in the pose `qpos0`; `gained`
@@ -485,17 +472,9 @@ def lay(
 
 @internal
 def pull_forces(
-    places: FloatArray,
-    number: int,
-    mouth: int,
-    shape: FloatArray,
-    n: int,
-    guided: int,
-    node: FloatArray,
-    tied: float,
-    aside: int,
-    forces: FloatArray,
-) -> None:
+    places: FloatArray, number: int, mouth: int, shape: FloatArray, n: int, guided: int,
+    node: FloatArray, tied: float, aside: int, forces: FloatArray,
+) -> None:  # fmt: skip
     """Compute the forces of the pieces of a path on the points where they begin.
 
     The point where a piece ends gets the opposite force. Arguments up to `guided` are

@@ -169,13 +169,9 @@ def _distribute_angle(
 
 @internal
 def bend(
-    places: FloatArray,
-    count: int,
-    total: float,
-    segments: FloatArray,
-    n: int,
+    places: FloatArray, count: int, total: float, segments: FloatArray, n: int,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Set the wrap angle `out` (n,) of each segment of a conduit along a path [rad].
 
     It follows the first `count` of `places`, the last a site, over a path `total` [m]

@@ -77,15 +77,12 @@ def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
 def relax_stress(
     prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
-    """Relax all parts of the cable equally; update `tension` [N], set `lost` [m].
-
-    On a path that lengthens, clearance counts in the present bends.
-    """
+    """Relax all of the cable equally: reduce `tension` [N], set lost stretch [m]."""
     time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
     after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + step.dt) / scale)
     rest, wrap = prm[PLACE.pretension], step.state[at.rest_wrap(n)]
-    if prm[at.PATH_LENGTHENS] != 0.0:
+    if prm[at.PATH_LENGTHENS] != 0.0:  # as in the present bends
         wrap = nodes.wrap_with_play(prm, n, at.segment_angles(prm, n))
     grown = nodes.rest_stretch(prm, n, wrap, rest * before)
     grown -= nodes.rest_stretch(prm, n, wrap, rest * after)

@@ -68,10 +68,9 @@ def _solve_choices(
     n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: ChainMotion,
     work: FloatArray,
 ) -> None:  # fmt: skip
-    """Solve for `shift` of `motion`, given the choices of `_find_choices`.
+    """Solve for `shift` of `motion`, given its `direction` and slack nodes.
 
-    They are `direction` and, in `work` (4 n,), whether the nodes before and behind each
-    segment are slack.
+    `work` (4 n,) begins with slack of the nodes before and behind every segment.
     """
     tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift
     slack_before, slack_behind = work[:n], work[n : 2 * n]

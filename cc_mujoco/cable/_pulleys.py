@@ -224,18 +224,10 @@ def _prescribed_side(
 
 @compiled
 def _drive(
-    cables: stepper.Cables,
-    proximal_kind: int,
-    proximal: FloatArray,
-    distal_kind: int,
-    distal: FloatArray,
-    play: float,
-    dt: float,
-    state: FloatMatrix,
-    new: FloatMatrix,
-    work: FloatArray,
-    out: FloatMatrix,
-) -> None:
+    cables: stepper.Cables, proximal_kind: int, proximal: FloatArray, distal_kind: int,
+    distal: FloatArray, play: float, dt: float, state: FloatMatrix, new: FloatMatrix,
+    work: FloatArray, out: FloatMatrix,
+) -> None:  # fmt: skip
     motor = proximal[0] if proximal_kind == ANGLE else 0.0
     joint = distal[0] if distal_kind == ANGLE else 0.0
     pulley, count = joint, cables.n.size

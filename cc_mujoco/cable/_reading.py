@@ -91,15 +91,9 @@ def slack_compliance(
 
 @compiled
 def _read(
-    states: FloatMatrix,
-    start: int,
-    lengths: int,
-    compliance: Floats,
-    strain: float,
-    tension: FloatMatrix,
-    slip: ByteMatrix,
-    numbers: FloatMatrix,
-) -> None:
+    states: FloatMatrix, start: int, lengths: int, compliance: Floats, strain: float,
+    tension: FloatMatrix, slip: ByteMatrix, numbers: FloatMatrix,
+) -> None:  # fmt: skip
     """Read a cable, with arguments of `read_states`, to the last three arguments.
 
     `numbers` (5, k) are the last five fields of `CableReading`.

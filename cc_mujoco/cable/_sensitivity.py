@@ -89,10 +89,7 @@ def _follow(
     cables: stepper.Cables, state: FloatMatrix, sides: _Sides, row: int, lead: float,
     new: FloatMatrix, work: FloatArray,
 ) -> float:  # fmt: skip
-    """Step all cables; return the derivative of the angle of a side by torque.
-
-    `lead` is that derivative before the step.
-    """
+    """Step all cables; return the derivative of a side by torque, `lead` before it."""
     is_joint = sides.by_torque == _JOINT
     if sides.by_torque == 0:
         _move(cables, state, sides, row, lead, new, work)
@@ -234,10 +231,7 @@ def _with_slope(values: ArrayLike, slopes: ArrayLike = 0.0) -> FloatArray:
 
 
 def _nudged(value: FloatArray, drive: Transmission, radius: float) -> FloatArray:
-    """Return angles [rad] of a side, a little larger where they stand still.
-
-    `radius` [m] is that of its pulley.
-    """
+    """Return angles [rad] of a pulley, a little larger where they stand still."""
     # Steps of curved elasticity are solved in rounds, to 1e-5 of the largest tension.
     curved = [c for c in drive.cables if packed_parameters(c)[CURVED] != 0.0]
     stretches = [c.pretension * c.length / c.axial_stiffness for c in curved]

@@ -103,14 +103,9 @@ def proximal_displacement(cables: Cables, k: int, motor: float) -> tuple[float, 
 
 @compiled
 def move(
-    cables: Cables,
-    state: FloatMatrix,
-    motor: float,
-    joint: float,
-    dt: float,
-    new: FloatMatrix,
-    work: FloatArray,
-) -> None:
+    cables: Cables, state: FloatMatrix, motor: float, joint: float, dt: float,
+    new: FloatMatrix, work: FloatArray,
+) -> None:  # fmt: skip
     """Step all cables by `dt` [s] to these angles [rad]; the result is `new`."""
     for k in range(cables.n.size):
         u_proximal, _ = proximal_displacement(cables, k, motor)
@@ -140,16 +135,9 @@ def torque(
 
 @compiled
 def balance(
-    cables: Cables,
-    state: FloatMatrix,
-    distal: bool,
-    fixed: float,
-    start: float,
-    load: Load,
-    dt: float,
-    new: FloatMatrix,
-    work: FloatArray,
-) -> float:
+    cables: Cables, state: FloatMatrix, distal: bool, fixed: float, start: float,
+    load: Load, dt: float, new: FloatMatrix, work: FloatArray,
+) -> float:  # fmt: skip
     """Step all cables with a load on one side; return the angle of that side [rad].
 
     The load acts on the joint if `distal`, else on the motor. `fixed` is the angle of

@@ -82,11 +82,7 @@ class NativeFunction:
         FUNCTIONS.append(self)
 
     def __call__(self, *given: Any, **named: Any) -> Any:
-        """Call the function in the library.
-
-        Arrays of another type, or that are not contiguous, are copied, and copied back
-        afterwards.
-        """
+        """Call the function in the library; copy arrays that do not fit, and back."""
         if named:
             bound = inspect.signature(self.py_func).bind(*given, **named)
             bound.apply_defaults()

@@ -383,10 +383,7 @@ def write_source(path: Path) -> None:
 def run(
     command: list[str], made: Path, environment: dict[str, str] | None = None
 ) -> None:
-    """Run a command that makes a file; raise `NativeLibraryError` if it fails.
-
-    The error quotes the first error of the command, or its last line.
-    """
+    """Run a command that makes a file; raise its first error if it fails."""
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         said, code = done.stderr.splitlines(), done.returncode

@@ -215,7 +215,7 @@ def _has_affixes(
 def _element_has_affixes(
     label: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether `label` is empty or has the prefix and suffix of `name`."""
+    """Return whether `label` is empty or begins and ends as `name`, at these sizes."""
     inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
         inner > 0
@@ -286,10 +286,7 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
 def _is_named(
     model: MjModel, instance: int, tendon: int, place: int, wanted: ffi.Bytes
 ) -> bool:
-    """Return whether the element at index `place` of `wrap_type` is named `wanted`.
-
-    The name may have the prefix and suffix that `attach` gave the route, `tendon`.
-    """
+    """Return whether a place of a route has this name, affixes of `attach` aside."""
     attributes = ffi.attributes(model, instance)
     route = config.key_text(attributes, config.KEY.route)
     name = ffi.name(model, model.name_pluginadr[instance])
@@ -453,10 +450,7 @@ def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
 
 @internal
 def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
-    """Forbid sleep to trees that a tendon's path touches, from element `begin` on.
-
-    Return a body whose tree the model explicitly lets sleep, or -1.
-    """
+    """Do `keep_awake` for the path of a tendon, from place `begin` on."""
     found, start = -1, model.tendon_adr[tendon] + begin
     for i in range(start, ffi.path_end(model, tendon)):
         body = ffi.wrap_body(model, i)
@@ -467,7 +461,7 @@ def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
 
 @internal
 def _keep_tree_awake(model: MjModel, body: int) -> int:
-    """Forbid sleep to the tree of a body; return the body if it could sleep, or -1."""
+    """Do `keep_awake` for the tree of one body."""
     tree = model.body_treeid[body]
     if tree < 0:
         return -1

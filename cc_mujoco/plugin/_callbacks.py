@@ -235,11 +235,7 @@ def _ends(model: MjModel, data: MjData, block: Block) -> tuple[Pair, float]:
 
 @internal
 def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> None:
-    """Apply the forces of an open path before its actuators are evaluated.
-
-    `mj_inverse` evaluates only passive forces. The motion of implicit ends is predicted
-    by the acceleration in `data`.
-    """
+    """Apply the forces of an open path before its actuators, for `mj_inverse`."""
     idle = ffi.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
     if idle or messages.has_no_passive(model):
         return
@@ -266,8 +262,7 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
 def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
     """Remove the forces that `_pull_early` applied for implicit ends, to the last bit.
 
-    They depend on an acceleration that is no part of the state, so nothing of them may
-    stay.
+    They depend on the acceleration in `data`, which is no part of the state.
     """
     passive = data.qfrc_passive[: model.nv]
     for other in range(model.nplugin - 1, -1, -1):
@@ -294,10 +289,10 @@ def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
 def settle(
     model: MjModel, data: MjData, instance: ffi.CInt, keeps_rope: ffi.CInt
 ) -> None:
-    """Set the state of a cable to rest, with its ends at the last evaluated position.
+    """Set the state of a cable to rest at the last evaluated position.
 
-    Its tension is the pretension or, if `keeps_rope`, that of the rope which was
-    mounted in the pose `qpos0`.
+    Its tension is the pretension or, if `keeps_rope`, that of the rope mounted in
+    `qpos0`.
     """
     if blocks.acting_block(model, data, instance) == 0:
         messages.warn_cannot_act(model, data, instance)

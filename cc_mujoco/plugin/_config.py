@@ -18,6 +18,7 @@ from cc_mujoco.cable._cable import KEYS, PARAMETERS
 from cc_mujoco.cable._friction import DRAG_TERMS
 from cc_mujoco.cable._layout import SCALARS as SCALARS
 from cc_mujoco.cable._mesh import SECTION_SIZE as SECTION_SIZE
+from cc_mujoco.cable._mesh import measure_conduit
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.native import FloatArray, compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
@@ -180,9 +181,7 @@ def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
     sections = np.empty((cable.MAX_SECTIONS, SECTION_SIZE))
     count = _sections(key_text(block, KEY.conduit), sections)
-    total = 0.0
-    for i in range(count):
-        total += sections[i, 0]
+    total, _, _ = measure_conduit(sections[:count])
     return total
 
 

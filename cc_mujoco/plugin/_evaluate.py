@@ -144,10 +144,7 @@ def origin(
 
 @internal
 def save_first_stage(block: Block, data: MjData, state: int) -> None:
-    """Store the state after the first stage of RK4, from which later stages start.
-
-    `state` is the address of the state before the step.
-    """
+    """Store the state after RK4's first stage, which began from address `state`."""
     n, first = block.segments, block + block.first_stage
     copy(block + block.new_state, first, 8 * kernel.state_size(n))
     kept = blocks.committed(first, n)
@@ -158,11 +155,7 @@ def save_first_stage(block: Block, data: MjData, state: int) -> None:
 
 @internal
 def is_evaluated(block: Block, data: MjData, state: int, ends: Pair) -> bool:
-    """Return whether the last evaluation had this state and displacements `ends` [m].
-
-    The velocities of the ends must be equal too, as the motion of implicit ends depends
-    on them.
-    """
+    """Return whether the last evaluation had this state, `ends` [m], and velocities."""
     known = block.result_valid == 1
     for end in range(2):
         speed = data.actuator_velocity[block.outputs[end]]

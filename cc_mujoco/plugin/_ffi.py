@@ -279,10 +279,7 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 @internal
 def warned_once(message: Message, about: int) -> bool:
-    """Return whether this message was issued before; record it.
-
-    `about` is the signature of the model that the message is on.
-    """
+    """Return whether this message on model signature `about` was issued; record it."""
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211

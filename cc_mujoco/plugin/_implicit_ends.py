@@ -116,8 +116,8 @@ def _prediction(lead: Block, nv: int) -> _Prediction:
 def is_implicit(model: MjModel, block: Block) -> bool:
     """Return whether the ends of a cable are implicit.
 
-    They are above half of the time step that is stable for an end alone in the pose
-    `qpos0`, so that poses of less inertia are stable too.
+    They are if the time step is above half of what is stable for an end alone in the
+    pose `qpos0`, so that poses of less inertia are stable too.
     """
     if (
         block.explicit_ends != 0
@@ -157,10 +157,8 @@ def held_stiffness(block: Block, end: int) -> float:
 
 @internal
 def slipping_stiffness(block: Block) -> float:
-    """Return the stiffness seen at an end while the whole cable slips [N/m].
-
-    Each of two equal masses sees half of the cable, with twice its stiffness.
-    """
+    """Return the stiffness seen at an end while the whole cable slips [N/m]."""
+    # Each of two equal masses sees half of the cable, of twice the stiffness.
     stiffness = kernel.node_stiffness(blocks.parameters(block), block.segments)
     compliance = 0.0
     for i in range(stiffness.size):
@@ -511,13 +509,9 @@ def predict_known_motion(
 
 @internal
 def _predict_ends(
-    model: MjModel,
-    data: MjData,
-    block: Block,
-    known: int,
-    own: _Prediction,
+    model: MjModel, data: MjData, block: Block, known: int, own: _Prediction,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     nv, step = model.nv, model.opt.timestep
     row, answer, between = own.row, own.answer, own.between
     right, solved = row.ctypes.data, answer.ctypes.data

@@ -131,10 +131,7 @@ def save_sizes(block: Block, model: MjModel, instance: int) -> None:
 
 @internal
 def fits(block: Block, model: MjModel, instance: int) -> bool:
-    """Return whether a block was made for a model like this one.
-
-    With other sizes or another order a cable would write beyond its block or state.
-    """
+    """Return whether a block was made for a model of these sizes and this order."""
     for end in range(2):
         actuator = block.actuators[end]
         if (

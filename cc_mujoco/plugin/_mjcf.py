@@ -204,10 +204,7 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
 
 
 def _shortest_text(cable: Cable) -> str:
-    """Return the shortest values of all keys of the plugin, each ended by a 0 byte.
-
-    A value is empty if it is the default of an optional key.
-    """
+    """Return the shortest texts of all keys, empty for defaults, each ended by a 0."""
     (defaults, numbers), found = _defaults(), dict.fromkeys(KEYS, "")
     for key, text in cable.to_config().items():
         if key in REQUIRED or text != defaults.get(key):

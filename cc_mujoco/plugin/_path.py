@@ -91,14 +91,9 @@ def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -
 
 @internal
 def bend(
-    model: MjModel,
-    data: MjData,
-    tendon: int,
-    count: int,
-    total: float,
-    segments: FloatArray,
-    out: FloatArray,
-) -> None:
+    model: MjModel, data: MjData, tendon: int, count: int, total: float,
+    segments: FloatArray, out: FloatArray,
+) -> None:  # fmt: skip
     """Compute the wrap angle of each segment of a conduit along a tendon [rad].
 
     The conduit follows the first `count` places of the path, all if 0. Other arguments
@@ -144,14 +139,9 @@ def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
 
 @internal
 def apply_pulls(
-    model: MjModel,
-    data: MjData,
-    path: OpenPath,
-    node: FloatArray,
-    tied: float,
-    aside: int,
-    target: int,
-) -> None:
+    model: MjModel, data: MjData, path: OpenPath, node: FloatArray, tied: float,
+    aside: int, target: int,
+) -> None:  # fmt: skip
     """Add the generalized forces of a path's pieces to the sum (nv,) at `target`.
 
     `data` is at the position where the path was measured. Other arguments are those of

@@ -167,15 +167,9 @@ class _Walk:
 
 @compiled
 def _lay_path(
-    model: MjModel,
-    data: MjData,
-    instance: int,
-    wrap: FloatArray,
-    contact: FloatArray,
-    longer: FloatArray,
-    length: FloatArray,
-    stay: bool,
-) -> float:
+    model: MjModel, data: MjData, instance: int, wrap: FloatArray, contact: FloatArray,
+    longer: FloatArray, length: FloatArray, stay: bool,
+) -> float:  # fmt: skip
     block = blocks.block_at(data, instance)
     state, n = ffi.state(model, data, instance), block.segments
     follow(block, model, data, state)
@@ -225,12 +219,9 @@ def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
 
 @compiled
 def _read(
-    model: MjModel,
-    data: MjData,
-    instance: int,
-    guides: FloatArray,
+    model: MjModel, data: MjData, instance: int, guides: FloatArray,
     reference: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     block = blocks.block_at(data, instance)
     follow(block, model, data, ffi.state(model, data, instance))
     if blocks.is_open(block):

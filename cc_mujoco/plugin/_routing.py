@@ -39,8 +39,8 @@ def _survey(
 ) -> float:
     """Measure an open path at the last evaluated position and store it as a stage.
 
-    Return its length from the mouth on [m]. Unless the path is that in `qpos0`, which
-    is not `known` yet, its part inside the conduit is copied from there.
+    Return its length from the mouth on [m]. If the path in `qpos0` is `known`, the part
+    inside the conduit is copied from it.
     """
     led = blocks.path_of(block, stage)
     reach = path.measure_path(model, data, led)

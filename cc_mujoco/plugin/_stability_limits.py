@@ -125,12 +125,9 @@ def _end_moments(
 
 @internal
 def node_moments(
-    model: MjModel,
-    data: MjData,
-    led: OpenPath,
-    stiffness: FloatArray,
+    model: MjModel, data: MjData, led: OpenPath, stiffness: FloatArray,
     out: ffi.FloatMatrix,
-) -> None:
+) -> None:  # fmt: skip
     """Write the `moment` of `spring_timesteps` for an open path's nodes to `out`."""
     ffi.mark_stack(data)
     node = ffi.borrow_floats(data, led.n + 1)

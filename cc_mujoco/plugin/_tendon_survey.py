@@ -49,14 +49,9 @@ def survey(
 
 @compiled
 def _measure(
-    model: MjModel,
-    data: MjData,
-    tendon: int,
-    poses: FloatMatrix,
-    turn: FloatMatrix,
-    contact: FloatMatrix,
-    length: FloatMatrix,
-) -> None:
+    model: MjModel, data: MjData, tendon: int, poses: FloatMatrix, turn: FloatMatrix,
+    contact: FloatMatrix, length: FloatMatrix,
+) -> None:  # fmt: skip
     n = path.min_segments(model, tendon, 0)
     ffi.mark_stack(data)
     led = _borrow_path(data, tendon, n)

@@ -435,10 +435,7 @@ class AttachedCables:
 
 
 class _LookAhead:
-    """Prediction of stiff ends over a step (implicit), see `plugin/_implicit_ends.py`.
-
-    Constraint forces are assumed to be those of the step before.
-    """
+    """Prediction of implicit ends, with the constraint forces of the step before."""
 
     def __init__(
         self,
@@ -495,10 +492,7 @@ class _LookAhead:
 
 
 def _is_interleaved(device: Any) -> bool:
-    """Return whether numbers of neighbouring rows are adjacent, as on a GPU.
-
-    Threads of a CPU run in turn: they share scratch, and rows are contiguous.
-    """
+    """Return whether a column of all rows is contiguous, as threads of a GPU need."""
     return not device.is_cpu
 
 

@@ -84,14 +84,10 @@ def kernels(
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def begin(
-        rows: CableRows,
-        time: wp.array(dtype=float),
-        timestep: wp.array(dtype=float),
-        lengths: wp.array2d(dtype=float),
-        qvel: wp.array2d(dtype=float),
-        moments: Moments,
-        gears: wp.array2d(dtype=wp.spatial_vector),
-    ):
+        rows: CableRows, time: wp.array(dtype=float), timestep: wp.array(dtype=float),
+        lengths: wp.array2d(dtype=float), qvel: wp.array2d(dtype=float),
+        moments: Moments, gears: wp.array2d(dtype=wp.spatial_vector),
+    ):  # fmt: skip
         """Commit or reset the state by the time of the world; find the ends' `aim`."""
         cable, world = wp.tid()
         fresh, stamp, rest, place = rows.fresh, rows.stamp, rows.rest, rows.place
@@ -224,13 +220,9 @@ def kernels(
 
     @wp.func
     def finish(
-        rows: CableRows,
-        force: wp.array2d(dtype=float),
-        cable: int,
-        world: int,
-        h: float,
-        attempt: int,
-    ):
+        rows: CableRows, force: wp.array2d(dtype=float), cable: int, world: int,
+        h: float, attempt: int,
+    ):  # fmt: skip
         """Finish the step; write its forces unless there is another attempt."""
         row, n = cable * rows.worlds + world, rows.segments[cable]
         now, status = rows.now[row], rows.status[row]
@@ -366,13 +358,10 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def look_ahead(
-        rows: CableRows,
-        timestep: wp.array(dtype=float),
-        moments: Moments,
-        answers: wp.array3d(dtype=float),
-        found: wp.array2d(dtype=float),
+        rows: CableRows, timestep: wp.array(dtype=float), moments: Moments,
+        answers: wp.array3d(dtype=float), found: wp.array2d(dtype=float),
         velocities: wp.array2d(dtype=float),
-    ):
+    ):  # fmt: skip
         """Predict the motion of implicit ends in the step, and complete `aim`.
 
         `answers` (ends, worlds, nv) are the accelerations by a unit tension at each
@@ -421,12 +410,9 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
 
 @wp.kernel(module="unique", enable_backward=False)
 def moment_row(
-    rows: CableRows,
-    cable: int,
-    end: int,
-    moments: Moments,
+    rows: CableRows, cable: int, end: int, moments: Moments,
     right: wp.array2d(dtype=float),
-):
+):  # fmt: skip
     """Write the generalised force of a unit tension at one end to `right`."""
     world = wp.tid()
     for i in range(right.shape[1]):
@@ -440,16 +426,11 @@ def moment_row(
 
 @wp.kernel(module="unique", enable_backward=False)
 def add_forces(
-    rows: CableRows,
-    ends: wp.array(dtype=int),
-    moments: Moments,
-    passive: wp.array2d(dtype=float),
-    bias: wp.array2d(dtype=float),
-    applied: wp.array2d(dtype=float),
-    constraint: wp.array2d(dtype=float),
-    force: wp.array2d(dtype=float),
-    total: wp.array2d(dtype=float),
-):
+    rows: CableRows, ends: wp.array(dtype=int), moments: Moments,
+    passive: wp.array2d(dtype=float), bias: wp.array2d(dtype=float),
+    applied: wp.array2d(dtype=float), constraint: wp.array2d(dtype=float),
+    force: wp.array2d(dtype=float), total: wp.array2d(dtype=float),
+):  # fmt: skip
     """Sum the forces of the step, with tensions and constraints of the step before.
 
     `ends` has for each actuator twice its cable plus its end (0, 1), -1 if it holds no

@@ -53,17 +53,10 @@ class PathRows:
 
 @wp.func
 def _draw(
-    paths: PathRows,
-    row: int,
-    first: wp.vec3,
-    first_body: int,
-    second: wp.vec3,
-    second_body: int,
-    force: wp.vec3,
-    origin: wp.vec3,
-    centres: wp.array(dtype=wp.vec3),
+    paths: PathRows, row: int, first: wp.vec3, first_body: int, second: wp.vec3,
+    second_body: int, force: wp.vec3, origin: wp.vec3, centres: wp.array(dtype=wp.vec3),
     motions: wp.array(dtype=wp.spatial_vector),
-):
+):  # fmt: skip
     """Add the generalised force of a piece to `pulls`.
 
     `force` acts on its first body, the opposite on its second; degrees of freedom that
@@ -96,12 +89,9 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def survey(
-        rows: CableRows,
-        paths: PathRows,
-        links: Links,
-        pose: Pose,
+        rows: CableRows, paths: PathRows, links: Links, pose: Pose,
         lengths: wp.array2d(dtype=float),
-    ):
+    ):  # fmt: skip
         cable, world = wp.tid()
         tendon = paths.tendons[cable]
         if tendon < 0:
@@ -167,13 +157,10 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pull(
-        rows: CableRows,
-        paths: PathRows,
-        pending: int,
-        gears: wp.array2d(dtype=wp.spatial_vector),
-        centres: wp.array2d(dtype=wp.vec3),
+        rows: CableRows, paths: PathRows, pending: int,
+        gears: wp.array2d(dtype=wp.spatial_vector), centres: wp.array2d(dtype=wp.vec3),
         motions: wp.array2d(dtype=wp.spatial_vector),
-    ):
+    ):  # fmt: skip
         """Compute the forces of all pieces, in the pending or the committed state."""
         cable, world = wp.tid()
         row, n = cable * rows.worlds + world, rows.segments[cable]

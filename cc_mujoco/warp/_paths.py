@@ -22,10 +22,7 @@ from cc_mujoco.warp._place_kernels import Links, Pose
 
 
 class Views:
-    """Warp structure of a model's arrays and, from field `of_data` on, its data's.
-
-    It is rebuilt when one of the arrays has been replaced.
-    """
+    """Warp structure of a model's and, from field `of_data` on, its data's arrays."""
 
     def __init__(self, kind: Any, of_data: str) -> None:
         self._kind, self._names = kind, tuple(vars(kind)["vars"])

@@ -203,17 +203,10 @@ def _path_point(points: wp.array(dtype=wp.spatial_vector), i: int):
 
 @wp.func
 def read_places(
-    links: Links,
-    pose: Pose,
-    tendon: int,
-    world: int,
-    start: int,
-    number: int,
-    kinds: wp.array(dtype=float),
-    objects: wp.array(dtype=int),
-    near: wp.array(dtype=float),
-    places: wp.array(dtype=float),
-):
+    links: Links, pose: Pose, tendon: int, world: int, start: int, number: int,
+    kinds: wp.array(dtype=float), objects: wp.array(dtype=int),
+    near: wp.array(dtype=float), places: wp.array(dtype=float),
+):  # fmt: skip
     """Write a path's places as in `_path_geometry.py`, from the point of `near`."""
     locate(links, pose, tendon, world, near)
     points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]

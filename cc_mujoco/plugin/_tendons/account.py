@@ -42,7 +42,7 @@ def actuator_label(model: mujoco.MjModel, actuator: int) -> str:
 
 
 def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) -> str:
-    """Return one line on a tendon: its cables, and what its winch has taken over."""
+    """Return one line on a tendon: its cables, and the loads that its winch carries."""
     moved = [actuator_label(original, i) for i in burden.actuators]
     moved += burden.fields
     if burden.equalities:
@@ -160,7 +160,7 @@ def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
 
 
 def describe_band(burden: Burden, stiffness: float, pretension: float) -> str:
-    """Return the line on a tendon that became an elastic cable of `stiffness` [N]."""
+    """Return a report's line on a tendon made an elastic cable of `stiffness` [N]."""
     low, high = burden.rest
     text = (
         f"stiffness {burden.spring[0]:g} N/m beyond {high:.4g} m: an elastic band, "

@@ -46,11 +46,9 @@ class Burden:
 
     tendon: str  # name of the tendon
     index: int  # its index in the model
-    # Indices in the specification of the actuators that pull it.
-    actuators: tuple[int, ...]
+    actuators: tuple[int, ...]  # indices in the specification of its actuators
     equalities: tuple[int, ...]  # indices of the equalities of its length
-    # Indices of the sensors of its limit and of its actuators' force.
-    sensors: tuple[int, ...]
+    sensors: tuple[int, ...]  # indices of the sensors of its limit and actuators' force
     spring: tuple[float, ...]  # stiffness [N/m], with its coefficients of higher order
     rest: tuple[float, float]  # lengths between which the spring has no force [m]
     branches: tuple[TendonBranch, ...]  # parts of its path
@@ -271,8 +269,7 @@ def _as_spring(
 ) -> tuple[float, float]:
     """Return stiffness [N/m] and damping [N s/m] of a constraint by its `solref`.
 
-    `inverse` is the inverse of the inertia that it moves [1/kg], `step` the time step
-    [s].
+    `inverse` [1/kg] is that of the inertia that it moves, `step` the time step [s].
     """
     most = float(np.clip(solimp[1], mujoco.mjMINIMP, mujoco.mjMAXIMP))
     weight = most / ((1.0 - most) * inverse)

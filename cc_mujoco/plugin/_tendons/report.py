@@ -373,14 +373,9 @@ def tendon_report(
 
 
 def _summarize(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    rest: FloatArray,
-    tendon: int,
-    cable: str | None,
-    given: Cable,
-    friction: float | None,
-) -> TendonSummary:
+    model: mujoco.MjModel, data: mujoco.MjData, rest: FloatArray, tendon: int,
+    cable: str | None, given: Cable, friction: float | None,
+) -> TendonSummary:  # fmt: skip
     """Return the summary of a tendon, whose present pose is `rest` (nq,).
 
     `friction` replaces that of `cable` if it is given. Without a cable, and inside a
@@ -442,9 +437,8 @@ def _zigzag(
 ) -> float:
     """Return the part of the turning of a path that the next site takes back.
 
-    Near 1 where every site turns the path against the one before it, a half where two
-    do; 0 along a curve of one sense. `turn` has the angles (p,) in the present position
-    [rad].
+    It is near 1 if every site turns the path against the one before it, 0 along a curve
+    of one sense. `turn` has the angles (p,) in the present position [rad].
     """
     start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     at = int(data.ten_wrapadr[tendon])

@@ -19,11 +19,9 @@ MAX_SURROUNDINGS = 3.0
 """Largest ratio of the size of all geoms to that of the moving ones."""
 
 
-IMAGE_SIZE = (480, 854)
-"""Height and width [pixels]."""
+IMAGE_SIZE = (480, 854)  # height and width [pixels]
 
-RENDER_RATE = 30
-"""Images drawn per simulated second; a video needs no more [1/s]."""
+RENDER_RATE = 30  # images drawn per simulated second; a video needs no more [1/s]
 
 RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"]}
 """Metadata of every environment, by Gymnasium's names."""

@@ -55,8 +55,7 @@ class RslRl(VecEnv):  # type: ignore[misc]
                 "gymnasium.make_vec(..., autoreset_mode='Disabled') makes it."
             )
         self.env = own
-        self.observed = own.exo.observed
-        """Observed quantities, for `save_policy`."""
+        self.observed = own.exo.observed  # observed quantities, for `save_policy`
         self.num_envs = own.num_envs
         self.num_actions = len(own.drives)
         self.max_episode_length = own.episode_steps

@@ -54,8 +54,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
                 "autoreset_mode='SameStep'."
             )
         self.envs = own
-        self.observed = own[0].exo.observed
-        """Observed quantities, for `save_policy`."""
+        self.observed = own[0].exo.observed  # observed quantities, for `save_policy`
         if any(env.exo.observed != self.observed for env in own):
             raise CableError("all environments must observe the same.")
         self._ends = np.cumsum([env.num_envs for env in own])

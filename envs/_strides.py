@@ -20,22 +20,16 @@ Array = NDArray[np.float64]
 class Stride(NamedTuple):
     """Measures of a stride, from one strike of the right heel to the next."""
 
-    time: float
-    """Duration [s]."""
-    length: float
-    """Distance that the right heel has moved [m]."""
+    time: float  # duration [s]
+    length: float  # distance that the right heel has moved [m]
     step_time: Array
     """Time from the other foot's strike to that of the right, left foot (2,) [s]."""
     step_length: Array
     """Distance from the other heel at the strike of the right, left foot (2,) [m]."""
-    positive_work: Array
-    """Positive work of the person (legs, joints) [J]."""
-    negative_work: Array
-    """Negative work of the person (legs, joints), at most 0 [J]."""
-    assistance: Array
-    """Work of the ropes on the ankles (legs,) [J]."""
-    motors: Array
-    """Positive work of the motors (legs,) [J]."""
+    positive_work: Array  # positive work of the person (legs, joints) [J]
+    negative_work: Array  # negative work of the person (legs, joints), at most 0 [J]
+    assistance: Array  # work of the ropes on the ankles (legs,) [J]
+    motors: Array  # positive work of the motors (legs,) [J]
 
     @property
     def metabolic_power(self) -> float:

@@ -77,10 +77,7 @@ class CableModel:
 
     @exclusive
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Begin an episode at the next observation: cables at rest, at pretension.
-
-        `where` masks the environments that restart; all of them by default.
-        """
+        """Put cables to rest at the next observation, in all environments or a mask."""
         self._fresh |= True if where is None else where
 
     @exclusive

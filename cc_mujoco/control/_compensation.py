@@ -65,12 +65,12 @@ def _slip(model: Model, k: int, sense: float, joint_velocity: float) -> _Slip:
 
 @internal
 def _friction(slip: _Slip, j: int, ends: float) -> tuple[float, float, float]:
-    """Return growth of tension, drag [N] and growth while it sticks, of segment j.
+    """Return tension ratio, drag [N] and static ratio of segment j, slipping as `slip`.
 
-    Growth is the ratio of the tensions at its ends. The distal end is `ends` from the
-    proximal end [m]. Every law of friction acts as in a step of the kernel, except for
-    bristles, which count as fully bent. Viscous drag helps if the cable still moves the
-    other way.
+    A resting segment starts to slip at the static ratio. The segment ends at a distance
+    `ends` from the proximal end [m]. Every law of friction acts as in a step of the
+    kernel, except for bristles, which count as fully bent. Viscous drag helps if the
+    cable still moves the other way.
     """
     prm, n, state, sense, speed = slip
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]

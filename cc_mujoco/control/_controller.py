@@ -57,8 +57,7 @@ class Controller(ABC):
     One thread at a time may use a controller; a second one gets a `CableError`.
     """
 
-    name = ""
-    """Name in error messages; if empty, that of its class."""
+    name = ""  # name in error messages; if empty, that of its class
 
     def __init_subclass__(cls, **given: Any) -> None:
         """Make calls by several threads at once an error, see `exclusive`."""
@@ -74,10 +73,7 @@ class Controller(ABC):
 
     @abstractmethod
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset the state, before every episode.
-
-        `where` masks the environments that restart; all of them by default.
-        """
+        """Reset the state before an episode, of all environments or of a mask."""
 
     @abstractmethod
     def torque(self, observation: Mapping[str, Any]) -> Any:
@@ -137,11 +133,7 @@ def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
 
 
 def needs_winding(observation: Mapping[str, Any], drive: Drive) -> bool:
-    """Return whether to read `device.WINDING_COLUMNS`: the joint has no round pulley.
-
-    Raises:
-        CableError: It has none, and these columns are missing.
-    """
+    """Return whether to read `WINDING_COLUMNS`; refuse to do without needed ones."""
     if WINDING_COLUMNS[0] in observation:
         return True
     columns = ", ".join(WINDING_COLUMNS)
@@ -232,7 +224,7 @@ def _step_all(
 
 
 class LawTables(NamedTuple):
-    """Shape, tables and places in the memory of a law, besides its parameters."""
+    """Constants of a law besides its parameters, and the layout of its memory."""
 
     shape: tuple[int, ...]  # whole numbers, see `_law_steps`
     numbers: tuple[float, ...]  # real numbers that no parameter changes
@@ -270,7 +262,7 @@ class SteppedLaw:
 
     @property
     def wound(self) -> tuple[str, ...]:
-        """Columns to read for `seen` if the arm of the cables depends on the pose."""
+        """Columns to read for `seen` if the joint has no round pulley, see `WOUND`."""
         if self.is_policy:
             return self.seen
         return tuple(WOUND.get(name, name) for name in self.seen)

@@ -293,11 +293,7 @@ class Coupling:
     def own_torques(
         self, ratios: Array, measured: Array, desired: Array
     ) -> tuple[Array, Array]:
-        """Return measured and desired torque of each cable at its own joint (n, axes).
-
-        Torques are (n, axes) [N m]; at a joint of several motors the desired torques of
-        its axes add up.
-        """
+        """Return `own_torques` of n environments; all torques are (n, axes) [N m]."""
         given, wanted = np.empty((2, *measured.shape))
         for one, *torques in zip(ratios, measured, desired, given, wanted, strict=True):
             own_torques(coupled(self.tables, one), *torques)

@@ -213,9 +213,6 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     T). The bandwidth of the integral is `integral_share` of the least of 1 / T, k / D,
     D / J. These shares were tuned by `scripts/benchmarks/tune_baselines.py`. The damper
     is off if, with its delay, it would feed the oscillation of rotor and cables.
-
-    Raises:
-        CableError: Cables or rotor are not known.
     """
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
@@ -248,10 +245,8 @@ class TunedFeedback(ProportionalIntegral):
     stepped = dataclasses.replace(
         ProportionalIntegral.stepped, step=law_steps.step_tuned, is_round=True
     )
-    integral_share = 0.35
-    """Bandwidth of the integral over that of the damped motor."""
-    friction_share = 0.0
-    """Share of the friction of slipping cables that is fed forward."""
+    integral_share = 0.35  # bandwidth of the integral over that of the damped motor
+    friction_share = 0.0  # share of the friction of slipping cables that is fed forward
     slip_speed = 0.3
     """Speed of the joint at which the sense of slip is nearly certain [rad/s]."""
     single_dead_sigmas = 6.0

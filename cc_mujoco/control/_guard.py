@@ -60,8 +60,7 @@ over the one at the edge of stability with its delay.
 """
 
 
-_HALVINGS = 60
-"""Halvings that locate a stretch to rounding."""
+_HALVINGS = 60  # halvings that locate a stretch to rounding
 
 
 class _Thresholds(NamedTuple):
@@ -749,10 +748,7 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
 
 @internal
 def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the phase by which rotor and cables oscillate in `answer_time` [rad].
-
-    It is 0 if inertia or stiffness is unknown.
-    """
+    """Return the rotor's phase of oscillation after `answer_time` [rad]; 0: unknown."""
     if not limits.inertia * spring[STIFFNESS] > 0.0:
         return 0.0
     frequency = np.sqrt(spring[STIFFNESS] / limits.inertia) / abs(limits.ratio)

@@ -392,10 +392,7 @@ def follow_model(data: LawData) -> None:
 
 @internal
 def model_torque(data: LawData, kind: int) -> float:
-    """Return the motor torque of the law `kind`, such as `MODEL`, in this step [N m].
-
-    Call `follow_model` before.
-    """
+    """Return the torque of the law `kind`, as `MODEL`, after `follow_model` [N m]."""
     own, law = model_memory(data.memory, data.sizes), _law_of(data.memory)
     if kind == STICTION:
         return _stiction(law, own)

@@ -57,8 +57,7 @@ class ModelBased(ProportionalIntegral):
         unread=unread_gains | {"preview", "tolerance"},
         gains=law_steps.FEEDBACK,
     )
-    kind = law_steps.MODEL
-    """Law in `_law_steps.model_torque`."""
+    kind = law_steps.MODEL  # law in `_law_steps.model_torque`
 
     def __init__(
         self,
@@ -165,9 +164,9 @@ class StictionCompensation(ModelBased):
     ) -> None:
         """Prepare for the first episode.
 
-        `preview` is h [s], `tolerance` the torque at the joint below which the
-        direction does not reverse [N m], by default 1 % of the greatest; others as of
-        `ModelBased`.
+        `preview` is the time h over which the motion of the joint is extrapolated [s],
+        `tolerance` the torque at the joint below which the direction does not reverse
+        [N m], by default 1 % of the greatest; others are those of `ModelBased`.
 
         Raises:
             CableError: As `ModelBased`, or a preview or tolerance that is negative.
@@ -200,7 +199,7 @@ class DisturbanceObserver(ModelBased):
     ) -> None:
         """Prepare for the first episode.
 
-        `cutoff` is the frequency of the low-pass [Hz]; others as of `ModelBased`.
+        `cutoff` is that of the low-pass [Hz]; others are those of `ModelBased`.
 
         Raises:
             CableError: As `ModelBased`, or a cut-off that is not positive.

@@ -32,8 +32,7 @@ class PackedNetwork(NamedTuple):
     numbers: FloatArray  # `far`, means and deviations; weights and biases of each layer
 
 
-_ACTIVATION, _SQUASHED, WIDTHS = range(3)
-"""Places in `PackedNetwork.sizes`."""
+_ACTIVATION, _SQUASHED, WIDTHS = range(3)  # places in `PackedNetwork.sizes`
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,8 +52,7 @@ from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 from cc_mujoco.native import FloatArray as Array
 
-POLICY_METADATA_KEY = "cc_mujoco"
-"""Key of the JSON in the metadata of a file."""
+POLICY_METADATA_KEY = "cc_mujoco"  # key of the JSON in the metadata of a file
 
 RELEASE, WHOLE, GAINS = range(guard.LIMITS, guard.LIMITS + 3)
 """Places of gains after `DriveLimits`, and their number: damping of a released motor
@@ -81,7 +80,6 @@ class PolicyAxis:
                 safe_power=guard.NO_POWER_LIMIT,
             )
         self.spring = joint_spring(drive.cables, self.limits)
-        """See `guard.STIFFNESS`."""
         settling = stable_settling_time(drive, self.spring)
         damping = settling * self.spring[guard.STIFFNESS] / drive.ratio**2
         self.gains = np.array([*self.limits, damping, whole])

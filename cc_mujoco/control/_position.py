@@ -206,11 +206,7 @@ class HysteresisInverse(PositionController):
     model_name: ClassVar[str]  # one of `FITTED`
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
-        """Prepare for the first episode with the parameters of `Drive.hysteresis`.
-
-        Raises:
-            CableError: The device has no parameters of this model.
-        """
+        """Prepare for the first episode with the parameters of `Drive.hysteresis`."""
         super().__init__(drive, bandwidth)
         self.model: Any = self.model_of(drive)
         self._state = self.model.rest(0)
@@ -340,7 +336,7 @@ class CableCourse:
 def course_of(
     cables: Sequence[CableDrive], parameters: CableParameters, joint: Array
 ) -> Array:
-    """Return motor angles over the ratio [rad] for successive joint angles (n,)."""
+    """Return motor angles over the ratio of a `CableCourse` by joint angles (n,)."""
     course = CableCourse(cables, parameters)
     return np.array([course.advance(float(angle)) for angle in joint])
 

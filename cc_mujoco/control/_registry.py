@@ -101,8 +101,7 @@ class External(Controller):
     `make` creates the function anew before every episode.
     """
 
-    limits = True
-    """False in a process whose host limits the torque."""
+    limits = True  # False in a process whose host limits the torque
 
     def __init__(
         self,
@@ -310,10 +309,6 @@ def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controll
     """Return the controller that a function makes; see the module's documentation.
 
     `module:function` is imported as from the current directory.
-
-    Raises:
-        CableError: If there is no such module or function, it makes no controller,
-            either takes other than one argument, or its code raises.
     """
     if isinstance(given, str):
         name, make = given, user_code.named_object("controller", given, "function")
@@ -466,10 +461,7 @@ def is_policy(given: Law | Mapping[str, Law]) -> bool:
 
 
 def runs_code(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether a controller has code of users: `module:name`, or a function.
-
-    The file of a policy has none: it is numbers.
-    """
+    """Return whether a controller has code of users: a function, or `module:name`."""
     return any(map(_is_code, named_laws(given)))
 
 

@@ -23,23 +23,23 @@ AXIS = np.dtype(
         (name, np.int64)
         for name in (
             "motor_control",  # index in `ctrl`
-            "motor_q", "motor_v", "joint_q", "joint_v", "motor_out",
-            "wearer_out",  # -1 where no wearer moves the joint
+            # see `_model.Places`
+            "motor_q", "motor_v", "joint_q", "joint_v", "motor_out", "wearer_out",
             "cuffed",  # 1 where the wearer's torque does not act on the joint itself
             "weightless",  # 1 where gravity compensation or a fluid acts on bodies
             "others",  # number of other actuators at the joint
             "other_outs",  # address of their indices in `actuator_force`, then of the
-            # places of their arms in `actuator_moment`, -1 where those are `other_arms`
-            "other_arms",
-            "wound",  # number of arms of the winding; 0 for a round pulley
-            "arms",  # address of the places of the arms, then of their velocities
-            "own_arm",  # place of the joint's among them
+            # places of their arms in `actuator_moment`, -1 for a constant arm
+            "other_arms",  # address of their constant arms
+            "wound",  # joints that move the distal end; 0 for a round pulley
+            "arms",  # address of the places of its arms, then of the joints in `qvel`
+            "own_arm",  # number of the driven joint among them
             "wound_end",  # place of the distal end in `actuator_length`
-            "knots",  # number of angles in a table of the winding; 0 without one
-            "table",  # address of these, of the angle that is wound and its derivative
+            "knots",  # number of joint angles in a table of the winding; 0 without one
+            "table",  # address of these, then wound angles, then their derivative
             "shared",  # number of joints of other axes that the cable turns
-            "shared_arms",  # address of the places of their arms
-            "shared_scales",  # address of their ratios per arm
+            "shared_arms",  # address of the places of their arms in `actuator_moment`
+            "shared_scales",  # address of their torque ratios per arm
         )
     ]
     + [
@@ -101,8 +101,7 @@ READING_COLUMNS = (
     "joint_velocity_rad_s", "joint_torque_nm", "wearer_torque_nm", "winding_angle_rad",
     "winding_velocity_rad_s", "leverage_ratio",
 )  # fmt: skip
-"""Columns that are read of an axis."""
-
+"""Columns of an axis that `read_axis` gives, and their number."""
 READINGS = len(READING_COLUMNS)
 (
     MOTOR_ANGLE, MOTOR_VELOCITY, MOTOR_TORQUE, JOINT_ANGLE, JOINT_VELOCITY,

@@ -86,7 +86,7 @@ class _Scene(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Derived axis, its table in the description, and its largest torque and arm."""
+    """Axis found in a scene, its table in the description, largest torque and arm."""
 
     axis: Axis
     keys: Keys
@@ -310,7 +310,7 @@ def _axes(scene: _Scene, file: Table) -> list[_Found]:
 
 
 def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]:
-    """Return the axes; by default those that share a joint take their motor's name."""
+    """Return the axes; by default name those that share a joint after their motors."""
     joints = [one.axis.joint for one in found]
     named = []
     for one in found:
@@ -409,9 +409,8 @@ def _warn_of_dead_centre(
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
     poses[:, model.jnt_qposadr[joint]] = angles
-    arms = moments(model, mujoco.MjData(model), list(poses))[
-        :, out, model.jnt_dofadr[joint]
-    ]
+    found = moments(model, mujoco.MjData(model), list(poses))
+    arms = found[:, out, model.jnt_dofadr[joint]]
     arms = arms * math.copysign(1.0, float(arms.sum()))
     least, most = int(arms.argmin()), float(np.abs(arms).max())
     if arms[least] < 0.15 * most:
@@ -543,7 +542,7 @@ def excursion(
 def _units(
     keys: Keys, reach: float, largest: float, demanded: float
 ) -> dict[str, float]:
-    """Return the scale of each observed column, for a reach [rad], torques [N m]."""
+    """Return each observed column's scale, by reach, largest and usual torque."""
     keys.table.only(*UNITS, "phase")
     # Usual sizes of a motion within `reach`: observations of a policy are about 1.
     defaults = {
@@ -615,7 +614,7 @@ def known_torque_noise(description: Description) -> float:
 
 
 def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
-    """Return the wearer's actuator at each joint, by joint; add missing ones."""
+    """Return the wearer's actuators by joint; add to the scene those it lacks."""
     spec, model = scene.spec, scene.model
     driven = [axis.joint for axis in axes]
     hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).tolist()

@@ -29,8 +29,7 @@ from cc_mujoco.device._axis_columns import column_prefixes
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError
 
-ENDING = ".device.toml"
-"""Ending of the file beside a scene."""
+ENDING = ".device.toml"  # ending of the file beside a scene
 
 PERIOD = 1e-3
 """Time between two calls of a controller, unless a device says otherwise [s]."""
@@ -44,7 +43,7 @@ class Slip:
     rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the motor torque, scaled to the joint, that moves a load [N m]."""
+        """Return the motor torque, referred to the joint, that moves a load [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 
@@ -76,34 +75,25 @@ class Cuff:
 class Axis:
     """A motor, the cables that it winds and the joint that they drive."""
 
-    name: str
-    """Name in columns, variables and options of a device with several axes."""
-    motor: str
-    """Actuator of the motor."""
-    drum: str
-    """Joint that the motor turns."""
-    joint: str
-    """Joint that the cables drive."""
+    name: str  # name in columns, variables and options of a device with several axes
+    motor: str  # actuator of the motor
+    drum: str  # joint that the motor turns
+    joint: str  # joint that the cables drive
     limb: str
     """Joint that the wearer moves there: that of the cables, or the one behind the
     cuff."""
-    cables: tuple[str, ...]
-    """Cables that the motor winds."""
+    cables: tuple[str, ...]  # cables that the motor winds
     pull_pull: bool
     """True if two cables keep each other taut; both slack is then a failure."""
-    torque: float
-    """Largest torque of the motor at its drum [N m]."""
+    torque: float  # largest torque of the motor at its drum [N m]
     reach: float
     """Amplitude limit of built-in trajectories about `centre` [rad]; leaves room before
     the stops."""
-    centre: float
-    """Angle about which built-in trajectories move [rad]."""
-    torque_scale: float
-    """Torque error that costs a reward of 1 per second [N m]."""
+    centre: float  # angle about which built-in trajectories move [rad]
+    torque_scale: float  # torque error that costs a reward of 1 per second [N m]
     units: Mapping[str, float]
     """Observed columns by name, and the value that divides each; see `Observed`."""
-    task: str
-    """Default task: torque that the device renders at the joint."""
+    task: str  # default task: torque that the device renders at the joint
     safe_torque: float = math.inf
     """Largest torque that the cables may put into the joint of a wearer [N m]."""
     safe_is_assumed: bool = False
@@ -132,25 +122,17 @@ class Axis:
 class Description:
     """Axes, wearer, sensors, default motion and ropes of a device."""
 
-    scene: str
-    """Name of a built-in scene, or path of an MJCF file."""
-    meaning: str
-    """Description of the device in a line."""
-    axes: tuple[Axis, ...]
-    """Axes, at least one."""
+    scene: str  # name of a built-in scene, or path of an MJCF file
+    meaning: str  # description of the device in a line
+    axes: tuple[Axis, ...]  # axes, at least one
     movers: Mapping[str, str]
     """Joints that the wearer moves, and the actuators that do so, as springs and
     dampers."""
-    sensing: Sensing
-    """Quality of the measurements."""
-    trajectory: str
-    """Default motion of the wearer."""
-    strength: float = math.nan
-    """Breaking load of a cable [N]; NaN where unknown."""
-    diameter: float = math.nan
-    """Diameter of a cable [m]; NaN where unknown."""
-    period: float = PERIOD
-    """Time between two calls of a controller [s]."""
+    sensing: Sensing  # quality of the measurements
+    trajectory: str  # default motion of the wearer
+    strength: float = math.nan  # breaking load of a cable [N]; NaN where unknown
+    diameter: float = math.nan  # diameter of a cable [m]; NaN where unknown
+    period: float = PERIOD  # time between two calls of a controller [s]
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Origin of each property by its key in the file: `given`, `scene` (derived from
     it) or `assumed`."""
@@ -177,10 +159,7 @@ class Description:
         return named[name]
 
     def frame_skip(self, timestep: float) -> int:
-        """Return the physics steps of `timestep` [s] between two calls of a controller.
-
-        Raises `CableError` if the control period is no whole number of them.
-        """
+        """Return the physics steps of `timestep` [s] in a period; refuse a fraction."""
         steps = round(self.period / timestep)
         if steps < 1 or abs(steps * timestep - self.period) > 1e-9:
             raise CableError(
@@ -203,8 +182,7 @@ def device_label(scene: str) -> str:
     return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
 
 
-GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"
-"""Origins of a property."""
+GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"  # origins of a property
 
 
 class Keys(NamedTuple):

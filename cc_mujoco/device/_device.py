@@ -92,9 +92,10 @@ class Device(Nominal):
             known = read_toml(measured)
             table = Table(table.where, {"hysteresis": known.content, **table.content})
         self.files = _user_files(name, scene, table_path, measured)
-        """Files of the user that define it: scene, description, what these include."""
+        """Files of the user that define the device: scene, description and what these
+        include."""
+        # Kept alive, as its copies, such as `spec`, refer to it.
         self._original: mujoco.MjSpec | None = None
-        """Specification that it was made of; kept alive, as its copies refer to it."""
         self.path: Path | None = scene
         """Path of the scene; None where the device was made of a specification."""
         self._read(spec, name, table, timestep, given)

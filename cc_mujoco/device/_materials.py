@@ -68,10 +68,7 @@ def _per_area(pounds: float, inches: float) -> float:
 
 
 def _turned(share: float) -> float:
-    """Return the friction of a rope that keeps `share` of its tension over half a turn.
-
-    From the capstan equation, share = exp(-mu pi).
-    """
+    """Return the friction mu of a rope with a `share` exp(-mu pi) over half a turn."""
     return math.log(1.0 / share) / math.pi
 
 

@@ -56,7 +56,7 @@ class AxisModel:
         mover: Mover | None,
         others: Sequence[Axis],
     ) -> None:
-        """Look up; `cables` are all of the model, `others` the axes of other motors."""
+        """Look up indices; `cables` are all there are, `others` other motors' axes."""
         self.axis, self.model = axis, arms.model
         model = arms.model
         motor = model.actuator(axis.motor)
@@ -82,8 +82,7 @@ class AxisModel:
         self.motor_gear = self.sense * float(motor.gear[0])
         """Torque of the motor, as in the columns, per its force [N m/N or 1]."""
         limits = MotorLimits.of(model, self._motor)
-        self.torque_limit = limits.torque
-        """Torque of the motor at an action of 1 [N m]."""
+        self.torque_limit = limits.torque  # torque of the motor at an action of 1 [N m]
         self.motor_scale = self.sense * limits.control
         """Control of the motor at an action of 1."""
         low, high = sorted(self.sense * end for end in limits.torques)
@@ -92,9 +91,9 @@ class AxisModel:
         """Names of the cables from the motor to the joint."""
         name = self.driven[0]
         self.first = cables[name].outputs
-        """Both ends of the first cable of the joint, in `actuator_force`."""
+        """Indices in `actuator_force` of both ends of the first cable of the joint."""
         self.proximal_arm = self._proximal[name]
-        """Displacement of its proximal end per motor angle of the model [m/rad]."""
+        """Displacement of that cable's proximal end per angle of the drum [m/rad]."""
         motor_arm = self.sense * self.proximal_arm
         self.ratio = self._distal[name] / motor_arm
         """Joint torque per motor torque without friction in the neutral pose [-]."""
@@ -127,7 +126,7 @@ class AxisModel:
         self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
     def paid_out(self, data: mujoco.MjData) -> float:
-        """Return the first cable's length pulled out at the joint, 0 in neutral [m]."""
+        """Return the first cable's length pulled out at the joint from neutral [m]."""
         if isinstance(self.winding, TabledWinding):
             wound = self.winding.read(physics_of(data))[WINDING_COLUMNS[0]]
             return float(wound) * self._distal[self.driven[0]]
@@ -277,17 +276,16 @@ class DeviceModel:
             for axis in axes
         )
         """The axes, in the order of the description."""
-        self.prefixes = description.prefixes
-        """Beginnings of the columns of each axis."""
+        self.prefixes = description.prefixes  # beginnings of the columns of each axis
         self.motor_controls = [axis.motor_control for axis in self.axes]
         self.torque_limits = np.array([axis.torque_limit for axis in self.axes])
         """Torques of the motors at an action of 1 [N m]."""
         self.script_controls = [mover.control for mover in self.movers.values()]
         """Controls of the wearer."""
         self.cables = {name: reader.cable for name, reader in self.readers.items()}
-        """The cables of the model, as it was given."""
+        """Cables by name, with the parameters that they are simulated with."""
         self.written: dict[str, Cable] = {}
-        """Cables to write into the model first, see `with_cables`."""
+        """Cables that `start` writes into the model first, see `with_cables`."""
 
     @classmethod
     def of(cls, plant: Plant | Nominal | str | Path) -> DeviceModel:

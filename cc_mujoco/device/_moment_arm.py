@@ -29,13 +29,13 @@ from cc_mujoco.native import FloatArray as Array
 class Winding(NamedTuple):
     """Winding of a distal end: its indices in MuJoCo's arrays, and its neutral pose."""
 
-    end: int  # in `actuator_length`
-    step: float  # time step [s]
-    places: tuple[int, ...]  # of the arms of the end, in `actuator_moment`
-    dofs: tuple[int, ...]  # of the velocities that they belong to
-    own: int  # place of the joint's among these
-    length: float  # in the neutral pose [m]
-    arm: float  # in the neutral pose [m/rad]
+    end: int  # index in `actuator_length`
+    step: float  # time by which the wound angle is extrapolated [s]
+    places: tuple[int, ...]  # indices of the end's arms in `actuator_moment`
+    dofs: tuple[int, ...]  # index in `qvel` of the joint of each arm
+    own: int  # index of the driven joint among `dofs`
+    length: float  # `actuator_length` in the neutral pose [m]
+    arm: float  # arm at the driven joint in the neutral pose [m/rad]
     others: tuple[str, ...]  # joints besides the driven one that move the end
     shared: tuple[tuple[str, int, float], ...] = ()
     """`RATIO_COLUMN` of every joint of another axis that the cable turns, the place of
@@ -81,11 +81,11 @@ class TabledWinding(NamedTuple):
     The tendon of such a cable includes its conduit, whose length does not move the end.
     """
 
-    joint_q: int  # in `qpos`
-    joint_v: int
+    joint_q: int  # index of the joint in `qpos`
+    joint_v: int  # index of its velocity in `qvel`
     angles: Array  # of the joint, rising (k,) [rad]
-    wound: Array  # angle that is wound there (k,) [rad]
-    leverage: Array  # its derivative (k,)
+    wound: Array  # wound angle at each, see `WINDING_COLUMNS` (k,) [rad]
+    leverage: Array  # derivative of the wound angle by the joint's (k,)
     others: tuple[str, ...] = ()  # only the driven joint moves the cable's end
 
     def read(self, physics: Any) -> dict[str, Any]:
@@ -184,10 +184,7 @@ class Arms:
     """Moment arms of all actuators over the ranges of the joints [m/rad, m/m or 1]."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Evaluate the arms in `qpos0` and five poses over the joints' ranges.
-
-        `data` are overwritten, and left in the pose `qpos0`.
-        """
+        """Evaluate the arms in five poses and, at last, `qpos0`; `data` are changed."""
         self.model, self._data = model, data
         *found, self.neutral = moments(model, data, [*_poses(model), model.qpos0])
         """Signed arms in the pose `qpos0`, (outputs, nv)."""
@@ -197,7 +194,7 @@ class Arms:
         """Largest and mean absolute arms, (outputs, nv)."""
 
     def _row(self, out: int) -> tuple[int, list[int]]:
-        """Return the place of the first arm in `actuator_moment`, the dofs of all."""
+        """Return the index of an output's first arm in `actuator_moment`, all dofs."""
         start, count = self._data.moment_rowadr[out], self._data.moment_rownnz[out]
         return int(start), self._data.moment_colind[start : start + count].tolist()
 
@@ -252,10 +249,7 @@ class Arms:
 def moments(
     model: mujoco.MjModel, data: mujoco.MjData, poses: Sequence[Array]
 ) -> Array:
-    """Return the moment arms of all actuators in each pose, (poses, outputs, nv).
-
-    `data` are overwritten.
-    """
+    """Return all actuators' moment arms (poses, outputs, nv); `data` are changed."""
     mujoco.mj_resetData(model, data)
     found = np.zeros((len(poses), model.nout, model.nv))
     for dense, qpos in zip(found, poses, strict=True):

@@ -16,7 +16,7 @@ FILTERS = (mujoco.mjtDyn.mjDYN_FILTER.value, mujoco.mjtDyn.mjDYN_FILTEREXACT.val
 
 
 def joint_actuators(model: mujoco.MjModel, joints: Any) -> NDArray[np.bool_]:
-    """Return the mask (nu,) of actuators on one or several joints, without cables."""
+    """Return the mask (nu,) of actuators on one or several joints, except cables."""
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     own = model.actuator_plugin < 0
     return np.asarray(on_joint & own & np.isin(model.actuator_trnid[:, 0], joints))

@@ -33,8 +33,7 @@ from cc_mujoco.native import (
 )
 from cc_mujoco.native import FloatArray as Array
 
-OBSERVATION_LIMIT = 10.0
-"""Value at which an observation saturates."""
+OBSERVATION_LIMIT = 10.0  # value at which an observation saturates
 
 PLAY_HALF_WIDTHS = (0.1, 0.3, 1.0)
 """Half widths of the plays of `Observed.memory`, in units of the twist."""
@@ -58,22 +57,16 @@ class Observed:
     `OBSERVATION_LIMIT`.
     """
 
-    device: str
-    """Name of the device."""
-    columns: tuple[str, ...]
-    """Measured quantities, columns of an episode log."""
+    device: str  # name of the device
+    columns: tuple[str, ...]  # measured quantities, columns of an episode log
     units: tuple[float, ...]
     """Values that are divided by: twist [rad], velocity of the motor at the joint
     [rad/s], angle [rad] and velocity [rad/s] of the joint, torque error and desired
     torque [N m], phase [-]."""
-    ratio: float
-    """Motor angle per joint angle of an unstretched cable, signed [-]."""
-    period: float
-    """Time between two samples of the sensors [s]."""
-    torque: float
-    """Torque of the motor at an action of 1 [N m]."""
-    hold: int = 1
-    """Number of samples for which an action is held."""
+    ratio: float  # motor angle per joint angle of an unstretched cable, signed [-]
+    period: float  # time between two samples of the sensors [s]
+    torque: float  # torque of the motor at an action of 1 [N m]
+    hold: int = 1  # number of samples for which an action is held
     history: int = 0
     """Number of earlier frames, each with the action that followed it, newest first."""
     memory: bool = False

@@ -43,7 +43,7 @@ from cc_mujoco.metrics._metric import Key
 from cc_mujoco.plugin._spec import compile_spec
 
 RADII = ("motor_radius", "joint_radius")
-"""Variables of a cable's proximal and distal end."""
+"""Variables of the pulleys at a cable's proximal and distal end."""
 
 GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
 """Variables of the motor before its gear."""

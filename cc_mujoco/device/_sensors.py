@@ -218,8 +218,7 @@ class Sensing:
         return {n: v if math.isfinite(v) else None for n, v in fields.items()}
 
 
-BIAS = 2.0
-"""Standard deviation of a sensor's random bias, as a multiple of its noise."""
+BIAS = 2.0  # standard deviation of a sensor's random bias, as a multiple of its noise
 
 PERFECT_SENSING = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
 """Sensors without noise, steps, filter or delay."""

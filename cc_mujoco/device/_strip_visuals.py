@@ -19,8 +19,7 @@ from cc_mujoco.plugin import PLUGIN
 
 _ALWAYS_INFERRED = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
 
-Names = dict[mujoco.mjtObj, set[str]]
-"""Names of elements by their type."""
+Names = dict[mujoco.mjtObj, set[str]]  # names of elements by their type
 
 
 def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:

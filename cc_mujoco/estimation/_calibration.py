@@ -247,7 +247,7 @@ class _Model:
         return np.column_stack([column for (column,) in columns.values()])
 
     def report(self, logs: FloatArray) -> Calibration:
-        """Return the result of a fit that ended at `logs` (free,)."""
+        """Return the `Calibration` by a fit that ended at logarithms `logs` (free,)."""
         parts = self.parts(logs)
         spread = covariance(self.jacobian(logs), [error for _, error in parts])
         sigma = np.sqrt(np.diag(spread))
@@ -266,7 +266,10 @@ class _Model:
         )
 
     def sentence(self, shares: FloatArray) -> str:
-        """Return a sentence on an undetermined direction (free,) of logarithms."""
+        """Return a sentence on parameters that the data do not determine together.
+
+        `shares` (free,) is the direction of their logarithms that changes nothing.
+        """
         sizes = np.abs(shares)
         powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
         parts = [

@@ -71,10 +71,6 @@ class RecursiveEstimate:
         A sample's weight falls to 1/e after `memory` more that have information;
         `drift` is the standard deviation of the true value's rate of change per such
         sample.
-
-        Raises:
-            CableError: A memory shorter than one sample, a spread that is not positive,
-                or a negative drift.
         """
         if not memory >= 1.0:
             raise CableError(f"memory is {memory!r} samples; it must be at least 1")
@@ -105,7 +101,7 @@ class RecursiveEstimate:
         return np.asarray(np.sqrt(np.maximum(self._known[VARIANCE:][:1], 0.0)))
 
     def update(self, information: FloatArray, target: FloatArray) -> None:
-        r"""Include the equations :math:`\Phi\theta = y` of a sample, of noise 1.
+        r"""Update the estimate by equations :math:`\Phi\theta = y` with noise 1.
 
         `information` is :math:`\Phi^T \Phi` (1, 1), `target` :math:`\Phi^T y` (1,).
         """

@@ -224,7 +224,7 @@ class SlopeEstimator(NoisySensors):
         self.reset()
 
     def _lay(self, design: FloatArray) -> None:
-        """Replace the design (n + 1, p), as for another path."""
+        """Set the derivatives of ln T at the sensors from those at all nodes."""
         self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
 
     def reset(self) -> None:
@@ -234,10 +234,7 @@ class SlopeEstimator(NoisySensors):
 
     @property
     def misfit(self) -> float:
-        """RMS residual over the stated noise, near 1 if both model and noise are right.
-
-        NaN before the first sample with information.
-        """
+        """RMS residual over the noise; 1 if model and noise are right, NaN at first."""
         if self._count == 0.0:
             return float("nan")
         return float(np.sqrt(self._squares / self._count))

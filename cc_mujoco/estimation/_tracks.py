@@ -53,11 +53,7 @@ class NoisySensors:
 
     @property
     def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time.
-
-        Raises:
-            CableError: set to other than one positive number per sensor.
-        """
+        """Standard deviation of the sensors (m,) [N], which may be set at any time."""
         return self._noise
 
     @noise.setter

@@ -49,10 +49,11 @@ EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if stepped_law(kind)
 
 
 _COLUMNS, _HOLD, _HISTORY, _PLAYS, _IS_WOUND, _NETWORK = range(6)
-"""Places of `LawTables.shape` of a policy; the shape of the network is last."""
+"""Places in a policy's `LawTables.shape`: counts of columns, samples of an action,
+earlier frames and plays; 1 where the joint winds; then `PackedNetwork.sizes`."""
 _BEGUN, _SAMPLE, _SHARE, _POLICY_SIZE = range(guard.MEMORY_SIZE, guard.MEMORY_SIZE + 4)
 """Places in the memory behind the guard: 1 once the policy has begun; samples since the
-last action; that action. Then what is measured, plays, past frames, scratch."""
+last action; that action. Then measurements, plays, earlier frames and scratch."""
 
 
 @internal
@@ -61,9 +62,7 @@ def step_policy(data: LawData) -> float:
     columns, history, plays = shape[_COLUMNS], shape[_HISTORY], shape[_PLAYS]
     gains, spring, law, _ = begun(data, policies.GAINS, _POLICY_SIZE, 0)
     first = OWN_MEMORY + policies.GAINS + _POLICY_SIZE
-    place = (
-        policies.GAINS - guard.LIMITS + guard.SPRING_SIZE
-    )  # of the numbers of `Past`
+    place = policies.GAINS - guard.LIMITS + guard.SPRING_SIZE  # of `Past.ratio`
     measured = part(memory, first, columns)
     measured[:] = readings[:columns]
     wound = len(WINDING_COLUMNS) if shape[_IS_WOUND] != 0 else 0
@@ -136,7 +135,7 @@ class SteppedPolicy(Policy):
 
 @dataclass(frozen=True)
 class Field:
-    """Parameter of the exported controller, and its source."""
+    """Parameter of an exported controller: name in C, bounds and value."""
 
     name: str
     unit: str
@@ -154,8 +153,8 @@ class AxisPlan:
     tables: LawTables
     fields: tuple[Field, ...]  # parameters in the order in which C has them
     columns: tuple[str, ...]  # columns that the law reads, but for tensions
-    other_columns: tuple[str, ...]  # from which the torques that it reads are computed
-    cables: tuple[str, ...]  # names of the cables that the controller has a model of
+    other_columns: tuple[str, ...]  # columns that convert the torques which it reads
+    cables: tuple[str, ...]  # names in C of the cables that its model has
     taps: planner_steps.Taps | None = None  # tension sensors, if it reads them
     prefix: str = ""  # of the names of readings and gains, with several axes
 
@@ -350,7 +349,7 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
 def _joint_torques(
     axes: Sequence[AxisPlan], drives: Sequence[Drive], coupling: Coupling | None
 ) -> JointTorques:
-    """Return the indices of the joint torques of every axis among the readings."""
+    """Return the `JointTorques` of a device, with indices among all axes' readings."""
     rows, shared, start = [], [], 0
     for place, (axis, drive) in enumerate(zip(axes, drives, strict=True)):
         end = start + len(axis.seen)

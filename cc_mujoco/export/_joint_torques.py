@@ -21,16 +21,17 @@ from cc_mujoco.control._law_steps import part, rows_of, whole_rows_of
 from cc_mujoco.native import FloatArray, IntArray
 
 _OWN, _TORQUE, _DESIRED, _LEVERAGE, _IS_DIVIDED, _ROWS = range(6)
-"""Joint of the axis; places of its torques, and of its leverage ratio or -1, among the
-readings; 1 where torques are divided by that ratio, else 0; number of these rows."""
+"""Numbers of an axis: its joint; indices among the readings of measured and desired
+torque and of the leverage ratio, -1 without one; 1 where torques are divided by that
+ratio, else 0. Then their count."""
 
 
 @dataclass(frozen=True)
 class JointTorques:
     """Numbers of a device that `own_readings` needs."""
 
-    readings: int
-    rows: tuple[tuple[int, ...], ...]  # of every axis; joint 0 without a coupling
+    readings: int  # number of readings of all axes
+    rows: tuple[tuple[int, ...], ...]  # `_OWN` to `_IS_DIVIDED` of every axis
     shared: tuple[tuple[int, int, int], ...] = ()
     """Joint, axis and place among the readings of every shared ratio."""
     ratios: tuple[float, ...] = ()  # joint torque per motor torque of every axis [-]

@@ -198,10 +198,7 @@ def limb_of(place: Array, inertia: float) -> Limb:
 
 
 def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
-    """Return the inertia of an axis, joint and limb, in the neutral pose [kg m^2].
-
-    A device with one axis needs no `axis`.
-    """
+    """Return the inertia of an axis, joint and limb, in the neutral pose [kg m^2]."""
     plant = Plant(device)
     model = plant.model()
     limb = plant.description.axis(axis).limb
@@ -334,7 +331,7 @@ def _believing(drive: Drive, believed: float) -> Drive:
 def _control(
     law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
 ) -> Controller:
-    """Return the controller `law` of one axis; others feed their commands forward."""
+    """Return the controller `law` for the axis `place`; others have `none`."""
     if law in PASSIVITY_REFERENCES:
         return Unpowered(drives[0], axes=len(drives))
     if len(drives) == 1:

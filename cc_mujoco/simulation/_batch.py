@@ -254,14 +254,12 @@ class Batch:
         self.steps, self.cables = exo.steps, tuple(devices[0].readers)
         self.going: Mask = np.ones(count, dtype=np.bool_)
         """Mask of the devices that have not failed."""
-        self.failed = [""] * count
-        """Reasons of those that failed; else empty."""
+        self.failed = [""] * count  # reasons of those that failed; else empty
         written = bool(devices[0].written)
         self.simulations = Simulations(exo, count, models, threads, written)
         self.devices = devices
         self.exo, self.name, self._whole, self._alone = exo, name, whole, alone
-        self.prefixes = exo.device.prefixes
-        """Beginnings of the columns of each axis."""
+        self.prefixes = exo.device.prefixes  # beginnings of the columns of each axis
         self.wiring = Wiring(exo, devices[:1] if written else devices, count)
         self._samples = np.zeros(count, np.int64)
         self._every = np.ones(count, np.bool_)

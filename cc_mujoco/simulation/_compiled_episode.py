@@ -147,7 +147,7 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
 
 @internal
 def _play(data: MjData, record: EpisodeRecord) -> None:
-    """Control and record as due at the `count` of physics steps of `record`."""
+    """Record and control if a control step is due; set the script's next controls."""
     count, skip = record.count, record.skip
     if count % skip == 0:
         step = count // skip
@@ -174,10 +174,7 @@ def _play(data: MjData, record: EpisodeRecord) -> None:
 
 @cache
 def begin_episode() -> Any:
-    """Return the C function that starts an episode.
-
-    Its arguments are the addresses of the `MjData` and of the `EpisodeRecord`.
-    """
+    """Return the C function that starts an episode, given `MjData` and a record."""
     kind = ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))
     return kind(("cc_mujoco_episode_begin", native_library.library()))
 

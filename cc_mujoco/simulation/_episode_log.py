@@ -153,17 +153,9 @@ class EpisodeLog:
         yield from self._columns.known(name).pieces(name)
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        """Return some rows of a column, without loading all of it.
+        """Return the rows of a column at increasing indices (n,), without loading all.
 
-        Args:
-            name: Name of the column.
-            samples: Indices of the samples, increasing, (n,).
-
-        Returns:
-            The rows, (n,) or (n, width).
-
-        Raises:
-            CableError: If there is no such column.
+        They are (n,) of a scalar column, (n, width) of a list column.
         """
         return self._columns.known(name).rows(name, samples)
 

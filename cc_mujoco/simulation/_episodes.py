@@ -51,8 +51,8 @@ class AxisSensors(NamedTuple):
     wanted: int
     scale: float  # error that costs 1 per second
     delays: IntArray  # samples by which measurements are late (n,)
-    late: FloatCube  # latest (n, samples, k), each at its sample modulo delay + 1
-    errors: FloatMatrix  # of torque by sample (n, samples), or of no sample [N m]
+    late: FloatCube  # past measurements (n, delay + 1, k), each at sample % (delay + 1)
+    errors: FloatMatrix  # of the torque sensor (n, samples), or (n, 0) for none [N m]
 
 
 class Episodes:

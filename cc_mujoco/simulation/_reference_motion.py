@@ -126,10 +126,7 @@ class Author:
         self._wearers = device.wearers  # wearers of that script
 
     def write(self, rng: np.random.Generator) -> Script:
-        """Return the script of an episode, with random numbers of `rng`.
-
-        Raises `CableError` if the motion would move a joint out of its range.
-        """
+        """Return a script with random numbers of `rng`; refuse motion out of range."""
         wearers = self._device.wearers
         if self._single_script is not None and wearers == self._wearers:
             return self._single_script

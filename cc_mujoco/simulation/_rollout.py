@@ -189,7 +189,7 @@ def task_of(task: Task) -> int | None:
 
 
 def law_of(controller: Controller | None) -> int | None:
-    """Return a controller's (None: no torque) code in the record; None if Python's."""
+    """Return a controller's code in `EpisodeRecord`; None if only Python can run it."""
     if controller is None:
         return compiled.UNPOWERED
     law = stepped_law(type(controller))
@@ -263,7 +263,7 @@ def _play_inside(
 
 
 def _shared_record(batch: Batch) -> tuple[dict[str, Any], list[int]]:
-    """Return fields of all records, and addresses of torques that follow from phase."""
+    """Return fields that all records share, and addresses of a phase task's torques."""
     exo, script, hold = batch.exo, batch.script, batch.wiring.hold
     device, task = batch.devices[0], exo.task
     common = {
@@ -310,7 +310,7 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
 
 
 def _readings(device: DeviceModel) -> NDArray[np.int64]:
-    """Return indices of each cable's nodes, energy and forces, ordered as `Word`."""
+    """Return the `readings` of `EpisodeRecord` (cables, 5), indices in `mjData`."""
     rows = []
     for one in device.readers.values():
         nodes = one.nodes.start, one.nodes.stop - one.nodes.start

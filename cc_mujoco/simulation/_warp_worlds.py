@@ -106,10 +106,7 @@ class WarpWorlds:
         self._warned[rows] = False
 
     def vary(self, row: int, plant: Plant) -> None:
-        """Give a simulation a plant; see `Worlds`.
-
-        Raises `CableError` if it has a friction term that was not compiled.
-        """
+        """Give a simulation a plant; refuse a friction term that was not compiled."""
         for name, cable in plant.cables.items():
             for term in cable.terms.keys() - self.cables.terms:
                 raise CableError(

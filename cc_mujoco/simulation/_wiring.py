@@ -41,14 +41,13 @@ if TYPE_CHECKING:
     from cc_mujoco.simulation._worn_device import WornDevice
 
 OF_PHASE, TUNNEL, SPRING, OTHER = range(4)
-"""Tasks: torques that are known in advance; `Tunnel`; `Spring`; those that Python alone
-knows."""
+"""Codes of tasks: torque of the phase alone, `Tunnel`, `Spring`, one in Python."""
 
 TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 
 _DESIRED, _WIDTH = axis_record.READINGS, axis_record.READINGS + 4
-"""Place of the desired torque among the columns of an axis, and their number but for
-those of arms that it shares: sine and cosine of the phase and reference follow."""
+"""Place of the desired torque among the columns of an axis, before sine and cosine of
+the phase and the reference; number of columns of an axis, but for its torque ratios."""
 
 _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
@@ -192,7 +191,7 @@ def parameters_of(task: Task) -> NDArray[np.float64]:
 def desired_torque(
     code: int, parameters: FloatArray, angle: float, in_script: float
 ) -> float:
-    """Return a task's torque [N m] at an angle [rad]; `in_script` if it is of phase."""
+    """Return a task's torque [N m] at an angle [rad]; one of phase is `in_script`."""
     if code == TUNNEL:
         return float(_tunnel(angle, parameters[0], parameters[1], parameters[2]))
     if code == SPRING:

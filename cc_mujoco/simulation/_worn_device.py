@@ -101,15 +101,12 @@ class WornDevice:
         """Time between samples of the sensors [s]."""
         require_number("hold", hold, 1, 1000, "samples")
         self.hold = hold
-        self.period = hold * self.sampling
-        """Time between control steps [s]."""
+        self.period = hold * self.sampling  # time between control steps [s]
         require_number("duration", duration, self.period, MAX_DURATION, "s")
-        self.steps = round(duration / self.period)
-        """Control steps in an episode."""
+        self.steps = round(duration / self.period)  # control steps in an episode
         self.samples = hold * self.steps
         sources = axis_trajectories(self.device, trajectory)
-        self.tasks = _axis_tasks(description, task, sources)
-        """Task of every axis."""
+        self.tasks = _axis_tasks(description, task, sources)  # task of every axis
         drives = self.device.drives(self.period)
         self.description = _with_safe_torques(description, self.tasks, drives)
         own: dict[str, Any] = {"hold": hold, "history": history, "memory": memory}
@@ -118,8 +115,7 @@ class WornDevice:
             frame = axis.observed(description.scene, self.sampling)
             frame = frame.with_reference() if one.commands_angle else frame
             observed.append(dataclasses.replace(frame, **own))
-        self.observed = tuple(observed)
-        """Observation of every axis."""
+        self.observed = tuple(observed)  # observation of every axis
         self.author = Author(
             self.device, sources, self.tasks, self.samples, self.frame_skip
         )
@@ -135,10 +131,7 @@ class WornDevice:
     def drives_of(
         self, device: DeviceModel, sensing: Sensing | None = None
     ) -> tuple[Drive, ...]:
-        """Return the drive of each axis of a device: a controller's knowledge of it.
-
-        It has the sensors of the device unless `sensing` is given.
-        """
+        """Return the drive of each axis, by default with the sensors of the device."""
         own = [
             {"commands_angle": task.commands_angle, "safe_torque": axis.safe_torque}
             for task, axis in zip(self.tasks, self.description.axes, strict=True)
@@ -305,10 +298,7 @@ def axis_trajectories(
 def _axis_tasks(
     description: Description, given: TaskChoice, sources: Sequence[Trajectory]
 ) -> tuple[Task, ...]:
-    """Return the task of every axis; one given by name has the pace of its walk.
-
-    `sources` are the trajectories of the axes.
-    """
+    """Return the task of every axis; one given by name has the pace of its walk."""
     if isinstance(given, str):
         given = split_by_axis(given, [axis.name for axis in description.axes])
     own = given if isinstance(given, Mapping) else {}

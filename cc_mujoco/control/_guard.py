@@ -169,7 +169,7 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
     _TAKEN, _TAKEN_PREDICTED,  # sensor and stretch torque, low-passed as `_GIVEN`
     _LEARNT, _UNSAFE,  # times [s]: stretch learned; torque unsafe lately
     _PROVEN,  # largest proven gain
-    _HELD, _HELD_OTHER,  # T_held of ends that harden, forwards and back [N m]
+    _HELD, _HELD_OTHER,  # `elastic.Piece.held` of each `_side` [N m]
     _GOOD,  # readings of the last step, as they were used
 ) = range(29)  # fmt: skip
 (
@@ -271,8 +271,8 @@ def impact_torque(
 def _side(spring: FloatArray, sides: float, held: float) -> elastic.Piece:
     """Return the cables that turn the joint one way as a piece: angle over torque.
 
-    `sides` is the number of ways in which cables turn it, 1 or 2, `held` T_held of
-    their ends that harden [N m].
+    `sides` is the number of ways in which cables turn it, 1 or 2; `held` is that of the
+    piece [N m].
     """
     return elastic.Piece(
         sides * spring[TAUT], 0.0, 1.0, 0.0, 1.0, sides * spring[SOFT],
@@ -293,8 +293,8 @@ def _pull(
 ) -> float:
     """Return the torque of the cables of a `_side` without friction [N m].
 
-    `stretch` is from that at pretension [rad]; `held` (2,) has T_held of each side's
-    ends that harden [N m], and its number `side` is updated.
+    `stretch` is from that at pretension [rad]; `held` (2,) is that of
+    each side's piece [N m], and its number `side` is updated.
     """
     if spring[SOFT] == 0.0:
         rest = spring[REST] / sides
@@ -314,7 +314,7 @@ def spring_edges(
 
     With `one_way` the cables only pull, towards a positive torque. `stretch` is the
     motor angle over the ratio, less the joint angle and the value at rest [rad]. `held`
-    (2,) is T_held of ends that harden [N m], forwards and back, and is updated.
+    (2,) is `elastic.Piece.held` of the cables either way [N m], and is updated.
     """
     friction = spring[FRICTION]
     # Joint tension over mean tension of a cable that slips towards the joint.

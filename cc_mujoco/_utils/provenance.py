@@ -35,7 +35,7 @@ from typing import Any
 
 from cc_mujoco._utils.atomic_io import METADATA_KEY
 from cc_mujoco._utils.parsing import parse_json
-from cc_mujoco._utils.tables import is_table
+from cc_mujoco._utils.tables import is_table, split_selection
 from cc_mujoco.errors import CableError
 
 POLICY_ENDING = ".safetensors"  # ending of a policy's file
@@ -82,7 +82,7 @@ def code_provenance(
     files = dict(files or {})
     for name in names:
         if is_table(name):
-            files[name] = _digest(os.path.abspath(name))
+            files[name] = _digest(os.path.abspath(split_selection(name)[0]))
         elif is_user_controller(name):
             files |= _user_file_digests(name)
     return {"versions": versions(), "sources": sources(), "files": files}

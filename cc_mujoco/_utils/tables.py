@@ -7,6 +7,7 @@
 
 For the forms of CSV see `csv_files`, for the units of OpenSim's columns
 `opensim_files`, and for names of columns in other formats `array_files`, `mcap_files`.
+A text `TABLE:JOINT=COLUMN;JOINT=COLUMN` selects columns, see `split_selection`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import csv
 import difflib
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,15 +40,41 @@ _READERS: dict[str, ModuleType] = {
 }
 ENDINGS = (".csv", ".tsv", ".parquet", *_READERS)
 """Endings of files that can be read, in any case."""
+_MARKERS = (".c3d", ".trc")  # endings of files with the places of markers
+_TABLE = re.compile(
+    rf"(.+(?:{'|'.join(map(re.escape, (*ENDINGS, *_MARKERS)))}))(?::(.*))?", re.I
+)
 
 
 def is_table(name: str | Path) -> bool:
-    return Path(name).suffix.lower() in ENDINGS
+    return _TABLE.fullmatch(str(name)) is not None
+
+
+def split_selection(given: str | Path) -> tuple[Path, dict[str, str]]:
+    """Return the path of a table, and the value of each `KEY=VALUE` after its colon."""
+    found = _TABLE.fullmatch(str(given))
+    if found is None or not found[2]:
+        return Path(given), {}
+    pairs = [piece.partition("=")[::2] for piece in found[2].split(";")]
+    if not all(key and value.strip("+-") for key, value in pairs):
+        raise CableError(f"{given}: {found[2]!r} must be JOINT=COLUMN or side=left.")
+    return Path(found[1]), dict(pairs)
+
+
+def require_no_markers(path: Path) -> None:
+    if path.suffix.lower() in _MARKERS:
+        raise CableError(
+            f"{path} has places of markers, not angles of joints; run inverse "
+            "kinematics first (OpenSim, AddBiomechanics), and give its .mot file."
+        )
 
 
 def _reader(path: Path) -> Any:
+    require_no_markers(path)
     if path.suffix.lower() in _READERS:
         return _READERS[path.suffix.lower()]
+    if path.suffix.lower() != ".parquet" and opensim_files.has_header(path):
+        return opensim_files
     from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
 
     return arrow_files
@@ -177,7 +205,7 @@ def _require_range(path: Path, column: Column, values: FloatArray) -> None:
     row = int(wrong[0])
     among = "a finite number"
     if math.isfinite(column.limit):
-        end = column.limit / column.factor
+        end = column.limit / abs(column.factor)
         among = f"a number between {-end:g} and {end:g}"
     given = values[row] / column.factor
     text = "is missing; it" if np.isnan(given) else f"is {given:g}; it"

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import tyro
+
 from cc_mujoco._utils import command_options as options
 from cc_mujoco.errors import CableError
 
@@ -34,6 +36,14 @@ class Play:
     """Torque that the device should render: a name, NAME:NUMBER (hold:-12,
     spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
     depends on the scene."""
+    column: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]],
+        tyro.conf.arg(metavar="JOINT=COLUMN"),
+    ] = ()
+    """Column of a table for a joint, once each: ankle=ankle_angle_r; -ankle_angle_r
+    turns its sign, ankle_angle_r_deg gives a unit that the file lacks."""
+    side: options.Name = None
+    """Leg of a table with two, for joints that name no side; right unless given."""
     controller: options.Name = None
     """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors;
     pi_tuned by default or, where the task commands an angle, backlash_inverse or
@@ -147,11 +157,16 @@ class Play:
         from cc_mujoco.simulation._simulate import task_label
 
         device = find_device(self.scene).description
-        return {
+        names = {
             "trajectory": self.trajectory or device.trajectory,
             "task": task_label(device, self.task),
-            "controller": self.controller or default_controller(device, self.task),
         }
+        if self.column or self.side:
+            from cc_mujoco.human._by_text import with_columns
+
+            names |= with_columns(names, self.column, self.side)
+        law = self.controller or default_controller(device, self.task)
+        return names | {"controller": law}
 
     def _env(self, names: dict[str, str]) -> Any:
         import gymnasium

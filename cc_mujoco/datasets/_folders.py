@@ -29,6 +29,7 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
         elif not path.exists():
             raise CableError(f"{path} does not exist; give data files or folders.")
         elif path.suffix.lower() not in tables.ENDINGS:
+            tables.require_no_markers(path)
             raise CableError(f"{path} is no data file; its name must end in {endings}.")
         else:
             files = [path]

@@ -19,6 +19,7 @@ over the phase of the gait, or over time:
 
 read_torque("torque.csv")               # phase or time_s, torque_nm
 read_torque("torque.csv", ("knee",))    # or knee_torque_nm, knee_angle_moment_nm
+read_torque("id.sto", ("knee_r",))      # knee_angle_r_moment
 """
 
 from __future__ import annotations
@@ -31,16 +32,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cc_mujoco._utils import tables
+from cc_mujoco._utils import opensim_files, tables
 from cc_mujoco._utils.tables import is_table
-from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
+from cc_mujoco._utils.units import ANGLE, CLOCK, PHASE, TORQUE, quantity_words
 from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
 from cc_mujoco._validation import require_number
 from cc_mujoco.errors import CableError, look_up, naming
+from cc_mujoco.human import _recorded as recorded
 from cc_mujoco.human._motion import Motion, Trajectory
 from cc_mujoco.human._pace import Real
 from cc_mujoco.human._perturbed import Disturbed
-from cc_mujoco.human._recorded import Recorded, match_joints, no_column, read_trajectory
+from cc_mujoco.human._recorded import Recorded, no_column, read_trajectory
 from cc_mujoco.human._scripted import TRAJECTORIES, Walk
 from cc_mujoco.human._tasks import TASKS, Task
 from cc_mujoco.native import FloatArray as Array
@@ -115,7 +117,7 @@ def trajectory(
     """
     require_number("centre", centre, -1e3, 1e3, "rad")
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
-        return read_trajectory(given, tuple(joints or ()))
+        return _on_joints(read_trajectory(given, tuple(joints or ())), joints)
     kind = "trajectory"
     made = _object(kind, given, TRAJECTORIES, Trajectory, UserTrajectory)
     if made is not None:
@@ -142,18 +144,33 @@ def _on_joints(
     if isinstance(found, Walk):
         return found.on_joints(joints)
     if isinstance(found, Recorded):
-        return found.on_joints(tuple(joints))
+        return found.on_joints(joints)
     return found
 
 
+class TableTorque(Task):
+    """Torque of a table, linear between its samples."""
+
+    torques: tuple[float, ...]
+    source: str
+    column: str
+
+    def describe(self) -> str:
+        """Return a clause with column, range and sign of the torque."""
+        ends = f"{min(self.torques):.3g} to {max(self.torques):.3g} N m"
+        sign = "turned" if self.column.startswith("-") else "with the sign of the file"
+        return f"the torque is {self.column!r} of {self.source}, {ends}, {sign}"
+
+
 @dataclass(frozen=True)
-class PhaseTorque(Task):
-    """Torque as a periodic function of the phase, linear between its samples."""
+class PhaseTorque(TableTorque):
+    """Torque as a periodic function of the phase."""
 
     of_phase = True
     phases: tuple[float, ...]  # of the samples [-], increasing within [0, 1]
     torques: tuple[float, ...]  # [N m]
     source: str = field(default="", compare=False, repr=False)  # path, for messages
+    column: str = field(default="", compare=False, repr=False)  # a minus turns it
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         found = np.interp(phase, self.phases, self.torques, period=1.0)
@@ -161,8 +178,8 @@ class PhaseTorque(Task):
 
 
 @dataclass(frozen=True)
-class TimeTorque(Task):
-    """Torque as a function of the time in the episode, linear between its samples.
+class TimeTorque(TableTorque):
+    """Torque as a function of the time in the episode.
 
     It is constant before the first sample and after the last.
     """
@@ -172,6 +189,7 @@ class TimeTorque(Task):
     times: tuple[float, ...]  # from the start of the episode [s], increasing
     torques: tuple[float, ...]  # [N m]
     source: str = field(default="", compare=False, repr=False)  # path, for messages
+    column: str = field(default="", compare=False, repr=False)  # a minus turns it
 
     @property
     def end(self) -> float:
@@ -190,16 +208,16 @@ def read_torque(
 
     `phase` is a fraction of the cycle from 0 to 1, `phase_percent` (or `phase [%]`) one
     in per cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time
-    since the start of the episode. Torque is `torque_nm` or has another unit of torque,
-    after the name of a joint if there is one. The column of the first of `joints` is
-    read; without `joints` the file must have a single column of torque.
-
-    Raises:
-        CableError: If the file cannot be read or used; names file, column and row.
+    since the start of the episode; that of OpenSim's files is shifted to start at 0.
+    Torque is `torque_nm` or has another unit of torque, after the name of a joint if
+    there is one, or `ankle_angle_r_moment` of OpenSim. The column of the first of
+    `joints` is read, or the one that stands behind the path, see `read_trajectory`;
+    without `joints` the file must have a single column of torque.
     """
-    path = Path(path)
+    path, side, chosen = recorded.selection(path)
     names = tables.column_names(path)
-    torque = _torque_column(path, names, joints)
+    own = next((c for j, c in chosen.items() if j in joints[:1] or not joints), "")
+    torque = _torque_column(path, names, joints, side, own)
     phases = [name for name in names if quantity_words(name, PHASE)[0] == ()]
     phases = [name for name in phases if PHASE.name in name.lower()]
     if len(phases) > 1:
@@ -216,7 +234,10 @@ def read_torque(
         raise CableError(
             f"{path} has {phase.size} rows of data; a torque profile needs at least 2."
         )
-    samples = tuple(phase.tolist()), tuple(torques.tolist()), str(path)
+    if not phases and opensim_files.has_header(path):
+        phase = phase - phase[0]
+    text = own or torque.name
+    samples = tuple(phase.tolist()), tuple(torques.tolist()), str(path), text
     if not phases:
         return TimeTorque(*samples)
     if phase[0] < 0.0 or phase[-1] > 1.0:
@@ -236,15 +257,18 @@ def read_torque(
 
 
 def _torque_column(
-    path: Path, names: Sequence[str], joints: Sequence[str]
+    path: Path, names: Sequence[str], joints: Sequence[str], side: str, own: str
 ) -> tables.Column:
+    """Return the column that is named `own`, or that of the first joint."""
+    if own:
+        return recorded.selected_column(path, names, own, TORQUE)
     found: dict[tuple[str, ...], list[str]] = {}
     for name in names:
         key, unit = quantity_words(name, TORQUE)
         if unit is not None:
-            own = tuple(word for word in key if word not in ("moment", "angle"))
-            found.setdefault(own, []).append(name)
-    matched = match_joints(found, joints)
+            joint = tuple(word for word in key if word not in ("moment", "angle"))
+            found.setdefault(joint, []).append(name)
+    matched = recorded.match_joints(found, joints, side)
     every = [name for columns in found.values() for name in columns]
     columns = matched.get(joints[0], []) if joints else every
     if not columns:
@@ -292,6 +316,33 @@ def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
         return read_torque(given, joints)
     made: Task | None = _object("task", given, TASKS, Task, UserTask)
     return with_numbers("task", str(given), TASKS) if made is None else made
+
+
+def with_columns(
+    texts: Mapping[str, str], columns: Sequence[str], side: str | None
+) -> dict[str, str]:
+    """Return the texts of tables with the columns (`JOINT=COLUMN`) that each has."""
+    read = {key: text for key, text in texts.items() if is_table(text)}
+    if not read:
+        raise CableError("columns and a side are of a table, and none is given.")
+    found, used = {}, set[str]()
+    for key, text in read.items():
+        names = tables.column_names(Path(text))
+        kind = ANGLE if key == "trajectory" else TORQUE
+        own = [
+            c
+            for c in columns
+            if recorded.columns_like(c.partition("=")[2], names, kind)
+        ]
+        used.update(own)
+        pieces = ([f"side={side}"] if side else []) + own
+        found[key] = ":".join([text, ";".join(pieces)] if pieces else [text])
+    if lost := [column for column in columns if column not in used]:
+        raise CableError(
+            f"--column {lost[0]} must be JOINT=COLUMN with a column of "
+            f"{' or '.join(read.values())}, such as {names[1]}."
+        )
+    return found
 
 
 def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:

@@ -15,6 +15,7 @@ from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import Motion, Recorded, Task, TimeTorque, Trajectory, Walk
+from cc_mujoco.human._by_text import TableTorque
 from cc_mujoco.human._motion import SampledMotion
 from cc_mujoco.human._perturbed import unperturbed
 from cc_mujoco.human._tasks import task_torque
@@ -112,8 +113,10 @@ class Author:
             if (isinstance(source, Walk) and source.joints)
             or (isinstance(source, Recorded) and source.columns)
         )
+        tabled = (task for task in tasks if isinstance(task, TableTorque))
+        moves |= dict.fromkeys(task.describe() for task in tabled if task.column)
         self.note = "; ".join(moves) + "." if moves else ""
-        """Sentence on the joints that walk or that a table moves; empty by default."""
+        """Sentence on joints that walk, and on what a table gives; empty by default."""
         self.tasks = tuple((task, _is_scripted(task)) for task in tasks)
         """Task of each axis, and whether its torque depends on phase only, equally for
         all devices: then the script has it."""

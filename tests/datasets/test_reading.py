@@ -60,10 +60,12 @@ def test_folders_are_sorted_and_files_taken_once(tmp_path: Path) -> None:
         ("none.csv", "does not exist"),
         ("notes.txt", "must end in .csv, .tsv, .parquet, .mot"),
         ("empty", "there is no data file in"),
+        ("walk.c3d", "run inverse kinematics first"),
     ],
 )
 def test_paths_without_data(tmp_path: Path, path: str, sentence: str) -> None:
     put(tmp_path, "", "notes.txt")
+    put(tmp_path, "", "walk.c3d")
     (tmp_path / "empty").mkdir()
     with pytest.raises(CableError, match=sentence):
         data_files([tmp_path / path])
@@ -134,14 +136,17 @@ def test_tsv_and_opensim_files_are_read_as_csv(tmp_path: Path) -> None:
     }
     head = ["run", "version=1", "inDegrees=no", "endheader"]
     names = "\t".join(bare.get(name, name) for name in SOME)
-    path = put(tmp_path, "\n".join([*head, names, *lines]), "run.sto")
+    text = "\n".join([*head, names, *lines])
+    paths = put(tmp_path, text, "run.sto"), tmp_path / "opensim.csv"
+    paths[1].write_text(text.replace("\t", ","))
     columns = {
         channel: Source(name=f"{channel[:-3]}_moment_nm", unit="Nm")
         for channel in ("motor_torque_nm", "joint_torque_nm")
     }
-    found = read(path, DatasetFile(columns=columns)).values
-    for name in bare:
-        assert found[name] == pytest.approx(SOME[name], rel=1e-6, abs=1e-7)
+    for path in paths:
+        found = read(path, DatasetFile(columns=columns)).values
+        for name in bare:
+            assert found[name] == pytest.approx(SOME[name], rel=1e-6, abs=1e-7)
 
 
 def test_decimal_commas_byte_order_marks_and_other_encodings(tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ NEEDED = {
 }  # fmt: skip
 """Parameters, each with another one; if that is 0, it must be 0 (off) too."""
 OFF_WITHOUT = "0 (off) where `{}` is 0"
+SPRINGS = {NEEDED[key]: key for key in ("end_hardening", "proximal_hardening")}
+"""Parameters that MJCF may give as a curve, which gives the other parameter, too."""
 ENDS = ("auto", "explicit")
 """Values of `ends`: implicit in MuJoCo if its step is long for them, or never."""
 ALLOWED = {
@@ -104,6 +106,12 @@ def _read_parameters() -> dict[str, Parameter]:
 
 
 _READ = _read_parameters()
+ALLOWED |= {
+    key: f"{_READ[key].allowed}, or, without `{other}`, a loading curve: 4 to "
+    f"{MAX_SECTIONS} words `extension:force` (m, N) that rise, no force below 0, whose "
+    "fit is in the ranges of both"
+    for key, other in SPRINGS.items()
+}
 
 
 def _field(name: str) -> float:
@@ -354,9 +362,11 @@ class Cable:
         values: dict[str, object] = {}
         for p in PARAMETERS:
             if p.name in config:
-                number = _parse_decimal(config[p.name])
+                number, other = _parse_decimal(config[p.name]), SPRINGS.get(p.name)
+                if number is None and other and other not in config:
+                    number, values[other] = _parse_curve(config[p.name])
                 if number is None or not p.admits(number):
-                    raise refused(p.name, p.allowed)
+                    raise refused(p.name, ALLOWED.get(p.name, p.allowed))
                 values[p.name] = number
         if "segments" in config:
             digits = config["segments"].strip(" \t\n\v\f\r")  # blanks in MJCF
@@ -453,6 +463,18 @@ def _parse_decimal(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
+
+
+def _parse_curve(text: str) -> tuple[float, float]:
+    """Return compliance and hardening of the spring with a loading curve, or NaN."""
+    import numpy as np
+
+    from cc_mujoco.cable._soft_end import fit_curve
+
+    words = [tuple(map(_parse_decimal, word.split(":"))) for word in text.split()]
+    usable = all(len(word) == 2 and None not in word for word in words)
+    count = len(words) if usable and len(words) <= MAX_SECTIONS else 0
+    return fit_curve(np.reshape(words[:count], (-1, 2)), count)[:2]
 
 
 def _parse_sections(text: str) -> tuple[Section, ...] | None:

@@ -5,7 +5,8 @@
                   end_loss=soft.loss)
 
 The law is that of `_elasticity.py`: extension = C ln(1 + h T) / h in loading from no
-force, C T where h is 0.
+force, C T where h is 0. In MJCF the key `end_compliance` takes the loading curve itself
+as words `extension:force`, and `fit_curve` gives its spring to plugin and Python alike.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from numpy.typing import ArrayLike
 from cc_mujoco._utils.arguments import numbers
 from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
+CURVE_TOLERANCE = 0.05
+"""Error of an extension, by the range of its curve, above which a fit is no good."""
 _BOUNDS = {p.name: p for p in PARAMETERS}
 
 
@@ -33,12 +36,54 @@ class SoftEnd(NamedTuple):
     residual: float  # largest error of an extension, by the range of the table
 
 
+@internal
+def _spring(points: FloatMatrix, count: int, x: float) -> SoftEnd:
+    """Return the best spring whose hardening times the largest force is exp(x)."""
+    first, top = points[0, 1], points[count - 1, 1]
+    h = math.exp(x) / top
+    across = along = worst = 0.0
+    for i in range(count):
+        shape = math.log1p(h * (points[i, 1] - first) / (1.0 + h * first)) / h
+        across += shape * (points[i, 0] - points[0, 0])
+        along += shape * shape
+    scale = across / along
+    for i in range(count):
+        shape = math.log1p(h * (points[i, 1] - first) / (1.0 + h * first)) / h
+        worst = max(worst, abs(scale * shape - (points[i, 0] - points[0, 0])))
+    worst /= points[count - 1, 0] - points[0, 0]
+    # As linear as any table can show: no hardening.
+    return SoftEnd(scale, h if h * top > 1e-4 else 0.0, 0.0, worst)
+
+
+@compiled
+def fit_curve(points: FloatMatrix, count: int) -> SoftEnd:
+    """Fit the spring to a loading curve of `count` rows, extension [m] and force [N].
+
+    Its numbers are NaN where these are not 4 or more that rise from no negative force.
+    """
+    rises = count >= 4 and 0.0 <= points[0, 1] < points[count - 1, 1]
+    for i in range(1, count):
+        further = points[i, 0] > points[i - 1, 0]
+        rises = rises and further and points[i, 1] >= points[i - 1, 1]
+    if not rises:
+        return SoftEnd(math.nan, math.nan, math.nan, math.nan)
+    low, high = math.log(1e-6), math.log(1e4)
+    for _ in range(60):
+        step = 0.6180339887498949 * (high - low)  # of the golden section
+        left, right = _spring(points, count, high - step), low + step
+        if left.residual < _spring(points, count, right).residual:
+            high = right
+        else:
+            low = high - step
+    return _spring(points, count, low)
+
+
 def fit_soft_end(
     extension: ArrayLike,
     force: ArrayLike,
     *,
     unloading: tuple[ArrayLike, ArrayLike] | None = None,
-    tolerance: float = 0.05,
+    tolerance: float = CURVE_TOLERANCE,
 ) -> SoftEnd:
     """Fit the spring at an end of a cable to a measured loading curve.
 
@@ -53,22 +98,8 @@ def fit_soft_end(
         CableError: other curves, a residual above `tolerance`, or parameters beyond the
             ranges of a `Cable`.
     """
-    from scipy.optimize import minimize_scalar
-
     stretch, pull = _rising("loading", extension, force, 1.0)
-    stretch = stretch - stretch[0]
-
-    def spring(x: float) -> SoftEnd:
-        h = math.exp(x) / float(pull[-1])
-        shape = np.log1p(h * (pull - pull[0]) / (1.0 + h * pull[0])) / h
-        scale = float(shape @ stretch / (shape @ shape))
-        error = float(np.abs(scale * shape - stretch).max() / stretch[-1])
-        # As linear as any table can show: no hardening.
-        return SoftEnd(scale, h if x > math.log(1e-4) else 0.0, 0.0, error)
-
-    span = math.log(1e-6), math.log(1e4)  # of h times the largest force
-    best = minimize_scalar(lambda x: spring(x).residual, bounds=span)
-    soft = spring(float(best.x))
+    soft = fit_curve(np.column_stack([stretch, pull]), stretch.size)
     if soft.residual > tolerance:
         raise CableError(
             f"the loading curve is up to {soft.residual:.2g} of its range off "

@@ -321,6 +321,7 @@ def settle(
 def nstate(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     attributes = ffi.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
+    messages.warn_poor_spring(model, instance)  # only compilers ask for this number
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
     return kernel.state_size(n) + blocks.COMMITMENT_SIZE // 8 + more
 

@@ -20,6 +20,7 @@ from cc_mujoco.cable._layout import SCALARS as SCALARS
 from cc_mujoco.cable._mesh import SECTION_SIZE as SECTION_SIZE
 from cc_mujoco.cable._mesh import measure_conduit
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
+from cc_mujoco.cable._soft_end import SoftEnd, fit_curve
 from cc_mujoco.native import FloatArray, compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, Message, append, quote, text
@@ -87,6 +88,7 @@ KEY = SimpleNamespace(**{key: i for i, key in enumerate(KEYS)})
 """Index of each key in `KEYS`, as an attribute; scalar parameters come first."""
 _OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
 _NEEDED = tuple((KEYS.index(key), KEYS.index(it)) for key, it in cable.NEEDED.items())
+_SPRINGS = np.array([[KEYS.index(k) for k in pair] for pair in cable.SPRINGS.items()])
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Indices of drag parameters per length of conduit; drag of a seal is in newtons."""
 _SCALARS = SimpleNamespace(
@@ -180,13 +182,27 @@ def is_mixed(block: int) -> bool:
 def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
     sections = np.empty((cable.MAX_SECTIONS, SECTION_SIZE))
-    count = _sections(key_text(block, KEY.conduit), sections)
+    count = _words(key_text(block, KEY.conduit), SECTION_SIZE, sections)
     total, _, _ = measure_conduit(sections[:count])
     return total
 
 
 @internal
-def _sections(written: Bytes, sections: FloatMatrix) -> int:
+def spring(block: int, end: int) -> SoftEnd:
+    """Return the spring of a loading curve given for the distal end, 0, or the other.
+
+    Its numbers are NaN where there is no curve.
+    """
+    points = np.empty((cable.MAX_SECTIONS, SECTION_SIZE))
+    return fit_curve(points, _words(key_text(block, _SPRINGS[end, 0]), 2, points))
+
+
+@internal
+def _words(written: Bytes, most: int, rows: FloatMatrix) -> int:
+    """Read words of 2 or `most` numbers; return how many, or 0 if one cannot be used.
+
+    With `most` of `SECTION_SIZE` they are sections of a conduit.
+    """
     count, i = 0, 0
     while True:
         while i < written.size and is_space(written[i]):
@@ -196,23 +212,24 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
         if count == cable.MAX_SECTIONS:
             return 0
         begin, parts, ended = i, 0, False
-        sections[count, 2] = sections[count, 3] = 1.0
+        rows[count, 2] = rows[count, 3] = 1.0
         while not ended:
             ended = i == written.size or is_space(written[i])
             if ended or written[i] == 58:
-                if parts == SECTION_SIZE:
+                if parts == most:
                     return 0
                 word = written[begin:i]
                 straight = parts == 1 and equal_text(word, "inf")
-                sections[count, parts] = math.inf if straight else number(word)
+                rows[count, parts] = math.inf if straight else number(word)
                 parts += 1
                 begin = i + 1
             if not ended:
                 i += 1
-        length, radius = sections[count, 0], sections[count, 1]
-        if parts != 2 and parts != SECTION_SIZE:
+        length, radius = rows[count, 0], rows[count, 1]
+        if parts != 2 and parts != most:
             return 0
-        if not (0.0 < length <= cable.MAX_LENGTH and length <= cable.MAX_WRAP * radius):
+        short = 0.0 < length <= cable.MAX_LENGTH and length <= cable.MAX_WRAP * radius
+        if most == SECTION_SIZE and not short:
             return 0
         count += 1
 
@@ -286,10 +303,19 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
             values[key] = _SCALARS.default[key]
             continue
         x, low = number(written), _SCALARS.low[key]
+        for end in range(2):
+            if key == _SPRINGS[end, 0] and math.isnan(x):
+                x = spring(block, end).compliance
         above = x > low if _SCALARS.low_open[key] else x >= low
         if not (above and x <= _SCALARS.high[key]):
             return key, 0
         values[key] = x
+    for end in range(2):
+        hardness, key = spring(block, end).hardening, _SPRINGS[end, 1]
+        if hardness > _SCALARS.high[key] or key_text(block, key).size > 0 <= hardness:
+            return _SPRINGS[end, 0], 0
+        if hardness >= 0.0:
+            values[key] = hardness
     if 0.0 < values[KEY.static_friction] < values[KEY.friction]:
         return KEY.static_friction, 0
     for key, needed in _NEEDED:
@@ -321,7 +347,7 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
     for key in _OF_A_CONDUIT:
         if values[key] != 0.0 and equal_text(path, cable.PATHS[1]):
             return key, 0
-    count = _sections(key_text(block, KEY.conduit), sections)
+    count = _words(key_text(block, KEY.conduit), SECTION_SIZE, sections)
     for s in range(count):
         play, seating = sections[s, 2], sections[s, 3]
         allowed = 0.0 <= play and 0.0 < seating

@@ -13,6 +13,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import KEYS, MAX_SECTIONS
 from cc_mujoco.cable._friction import PLACE
+from cc_mujoco.cable._soft_end import CURVE_TOLERANCE
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
@@ -330,6 +331,23 @@ def warn_soft_on_drum(model: MjModel, block: Block) -> None:
         )
         ffi.append_thousandths(message, 0.1 * strain, why)
         ffi.warn(message)
+
+
+@internal
+def warn_poor_spring(model: MjModel, instance: int) -> None:
+    """Warn of loading curves that the springs at the ends do not follow."""
+    for end in range(2):
+        soft = config.spring(ffi.attributes(model, instance), end)
+        if soft.residual > CURVE_TOLERANCE:
+            room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+            message = begin_message(room.ctypes.data, model, instance)
+            ffi.append(message, "the spring C ln(1 + h T) / h of an end is ")
+            ffi.append_thousandths(message, 0.1 * soft.residual, " %")
+            ffi.append(
+                message,
+                " of the extension off its curve; leave out forces that do not occur",
+            )
+            ffi.warn(message)
 
 
 @internal

@@ -35,6 +35,12 @@ for p in PARAMETERS:
     numbers = [value for value in NOT_NUMBERS if value != "-1"]
     BAD[p.name] = [*numbers, *below, repr(p.high * 1.0001)]
 BAD["static_friction"].append("0.1499")
+BAD["end_compliance"] += [  # loading curves
+    "0:0 .1:1 .2:2", "0:0 .1:1 .1:2 .2:3", "0:0 .1:3 .2:2 .3:4", "0:-1 .1:1 .2:2 .3:3",
+    "0:1 .1:1 .2:1 .3:1", "0:0 .1:1:1:1 .2:3 .3:4", "0:0 .1:inf .2:inf .3:inf", "1e-4:",
+    "0:0 9:1e-3 18:2e-3 27:3e-3", " ".join(f"{i}e-3:{i}" for i in range(65)),
+]  # fmt: skip
+BAD["proximal_compliance"].append("0:0 .1:1 .2:2")
 ALLOWED = {p.name: p.allowed for p in PARAMETERS} | {
     "conduit": ALLOWED["conduit"],
     "segments": "a whole number in [1, 1000]",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable import replay
+from cc_mujoco.cable import fit_soft_end, replay
 from cc_mujoco.plugin import from_mjcf
 from plugin.scenes import CONFIG, build, excitation, pull_pull, run
 
@@ -133,3 +133,62 @@ def test_a_soft_end_needs_a_compliance(end: str, name: str) -> None:
     config = CONFIG | {f"{end}_{name}": "0.1"}
     with pytest.raises(ValueError, match=rf"`{end}_{name}` is '0\.1'; .*{end}_compli"):
         build(pull_pull(config))
+
+
+FORCES = np.linspace(0.0, 200.0, 21)
+
+
+def loading_curve(extension: np.ndarray) -> str:
+    pairs = zip(extension.tolist(), FORCES.tolist(), strict=True)
+    return " ".join(f"{x!r}:{force!r}" for x, force in pairs)
+
+
+def pulled(config: dict[str, str]) -> np.ndarray:
+    """Return how far the distal end of a stiff rope yields to the forces [m]."""
+    stiff = config | {"axial_stiffness": "1e9", "pretension": "0", "friction": "0"}
+    cable, still = from_mjcf(pull_pull(stiff))["flexor"], np.zeros(FORCES.size)
+    moved = replay(cable, 1e-3, u_proximal=still, tension_distal=FORCES).u_distal
+    return moved - FORCES * cable.length / cable.axial_stiffness
+
+
+@pytest.mark.parametrize(("end", "loss"), [("end", "0.3"), ("proximal", "0")])
+def test_a_loading_curve_of_the_law_is_its_spring(end: str, loss: str) -> None:
+    hardening = 0.02
+    law = 3e-4 * np.log1p(hardening * FORCES) / hardening
+    config = CONFIG | {f"{end}_compliance": loading_curve(0.01 + law)}
+    config[f"{end}_loss"] = loss
+    assert pulled(config) == pytest.approx(law, rel=1e-5, abs=1e-9)
+    m, d = build(pull_pull(config))
+    cable = from_mjcf(m)["flexor"]
+    assert getattr(cable, f"{end}_compliance") == pytest.approx(3e-4, rel=1e-9)
+    assert getattr(cable, f"{end}_hardening") == pytest.approx(hardening, rel=1e-9)
+    same = build(pull_pull(cable.to_config()))
+    torque = excitation(300)
+    for found, wanted in zip(run(m, d, torque), run(*same, torque), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    hard = loading_curve(np.log1p(20.0 * FORCES))  # 20 /N; at most 10 are allowed
+    for more in {f"{end}_hardening": "0.02"}, {f"{end}_compliance": hard}:
+        for read in build, from_mjcf:
+            with pytest.raises(ValueError, match=f"`{end}_hardening`"):
+                read(pull_pull(config | more))
+
+
+def test_a_curve_that_the_spring_does_not_follow_is_a_warning(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Woven webbing: crimp that straightens within newtons, then nearly a line."""
+    webbing = 5e-3 * (1.0 - np.exp(-FORCES / 8.0)) + 1e-4 * FORCES
+    config = CONFIG | {"end_compliance": loading_curve(webbing)}
+    off = np.abs(pulled(config) - webbing).max() / webbing[-1]
+    spec = mujoco.MjSpec.from_string(pull_pull(config))
+    with pytest.warns(UserWarning, match=r"C ln.* 7\.10. % of") as caught:
+        model = spec.compile()
+    assert [str(each.message).split("'")[1] for each in caught] == [
+        "flexor",
+        "extensor",
+    ]
+    mujoco.mj_step(model, mujoco.MjData(model))
+    assert "ln" not in capfd.readouterr().err
+    assert off == pytest.approx(0.0711, abs=1e-4)
+    extension, force = webbing[4:] - webbing[4], FORCES[4:]
+    assert fit_soft_end(extension, force).residual < 0.01  # without the crimp

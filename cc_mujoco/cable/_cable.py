@@ -341,7 +341,8 @@ class Cable:
         """Read a cable from configuration text of an MJCF file.
 
         Args:
-            config: key to text; missing keys take their default.
+            config: key to text; missing keys take their default. Of loading curves
+                `from_mjcf` makes numbers before.
             where: place to name in an error, for instance the plugin instance.
 
         Raises:
@@ -362,9 +363,7 @@ class Cable:
         values: dict[str, object] = {}
         for p in PARAMETERS:
             if p.name in config:
-                number, other = _parse_decimal(config[p.name]), SPRINGS.get(p.name)
-                if number is None and other and other not in config:
-                    number, values[other] = _parse_curve(config[p.name])
+                number = _parse_decimal(config[p.name])
                 if number is None or not p.admits(number):
                     raise refused(p.name, ALLOWED.get(p.name, p.allowed))
                 values[p.name] = number
@@ -463,18 +462,6 @@ def _parse_decimal(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def _parse_curve(text: str) -> tuple[float, float]:
-    """Return compliance and hardening of the spring with a loading curve, or NaN."""
-    import numpy as np
-
-    from cc_mujoco.cable._soft_end import fit_curve
-
-    words = [tuple(map(_parse_decimal, word.split(":"))) for word in text.split()]
-    usable = all(len(word) == 2 and None not in word for word in words)
-    count = len(words) if usable and len(words) <= MAX_SECTIONS else 0
-    return fit_curve(np.reshape(words[:count], (-1, 2)), count)[:2]
 
 
 def _parse_sections(text: str) -> tuple[Section, ...] | None:

@@ -187,7 +187,7 @@ def length(block: int) -> float:
     return total
 
 
-@internal
+@compiled
 def spring(block: int, end: int) -> SoftEnd:
     """Return the spring of a loading curve given for the distal end, 0, or the other.
 

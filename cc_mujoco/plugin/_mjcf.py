@@ -15,7 +15,9 @@ True
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.arguments import require_kind
-from cc_mujoco.cable._cable import KEYS, PARAMETERS, Cable
+from cc_mujoco.cable._cable import KEYS, PARAMETERS, SPRINGS, Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
@@ -212,7 +214,11 @@ def _shortest_text(cable: Cable) -> str:
                 text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
                 text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
             found[key] = text
-    return "".join(f"{text}\0" for text in found.values())
+    return _block(found)
+
+
+def _block(texts: Mapping[str, str]) -> str:
+    return "".join(f"{texts.get(key, '')}\0" for key in KEYS)
 
 
 @cache
@@ -230,6 +236,14 @@ def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
             allowed = {p.name: p.allowed for p in PARAMETERS}
             what = allowed.get(key, "sections `length:radius` in metres")
             raise CableError(f"{where}: key `{key}` is missing; it must be {what}")
+    for end, (key, hardening) in enumerate(SPRINGS.items()):
+        if ":" in given.get(key, "") and hardening not in given:
+            from cc_mujoco.plugin._config import spring  # takes long to load
+
+            block = np.frombuffer(_block(given).encode(), np.uint8)
+            soft = spring(block.ctypes.data, end)
+            if math.isfinite(soft.compliance):  # else the text is refused
+                given |= {key: repr(soft.compliance), hardening: repr(soft.hardening)}
     return Cable.from_config(given, where)
 
 

@@ -46,7 +46,7 @@ NEEDED = {
     "proximal_hardening": "proximal_compliance",
     "proximal_loss": "proximal_compliance",
 }  # fmt: skip
-"""Parameters, each with another one; if that is 0, it must be 0 (off) too."""
+"""Parameters that must be 0 (off) if the parameter that they map to is 0."""
 OFF_WITHOUT = "0 (off) where `{}` is 0"
 SPRINGS = {NEEDED[key]: key for key in ("end_hardening", "proximal_hardening")}
 """Parameters that MJCF may give as a curve, which gives the other parameter, too."""

@@ -259,7 +259,7 @@ def _hardened_energy(piece: Piece, tension: float) -> float:
 def bristle_heat(piece: Piece, before: float, after: float) -> float:
     """Return the heat of the bristle for a change between two tensions [J].
 
-    The heat of a whole cycle is counted in loading; `energy_at` has none of it.
+    The heat of a whole cycle is counted in loading, and `energy_at` excludes it.
     """
     if piece.returned == 1.0:
         return 0.0

@@ -26,7 +26,7 @@ from cc_mujoco.native import FloatArray, compiled, internal
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 """Position of each scalar parameter in the packed vector."""
 PLACE = SimpleNamespace(**INDEX)
-"""Position of each of them as an attribute, for compiled code."""
+"""`INDEX` with attributes in place of keys, for compiled code."""
 DRAG_TERMS = tuple(
     (i, each.term, each.unit)
     for i, each in enumerate(PARAMETERS)
@@ -131,8 +131,8 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     """Return the next guess of the slip speed for the viscosity of grease [m/s].
 
     With exponent n, a fixed-point round leaves 1 - n of an error in ln v if drag alone
-    resists, and none if the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 +
-    n) in magnitude in both cases.
+    resists, and none if the slip is given. The step here, 2/(1 + n) times as long,
+    leaves (1 - n)/(1 + n) in magnitude in both cases.
     """
     further = 2.0 / (1.0 + values[PLACE.grease_exponent])
     risen = guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further

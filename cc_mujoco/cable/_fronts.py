@@ -27,7 +27,7 @@ from cc_mujoco.native import FloatArray, compiled, internal
 LIMIT_TOLERANCE = 1e-11
 """Relative excess over the friction limit that counts as holding (rounding)."""
 PATH_TOLERANCE = 1e-9
-"""`LIMIT_TOLERANCE` where bends change: rounding of a path stretches short nodes."""
+"""`LIMIT_TOLERANCE` if bends change, as rounding of the path stretches short nodes."""
 
 
 @internal

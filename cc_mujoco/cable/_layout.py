@@ -235,7 +235,7 @@ def contact_ages(state: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def drum(state: FloatArray, n: int, end: int) -> FloatArray:
-    """Return the layers of rope on the drum of an end (0, 1), see `_drum.py`."""
+    """Return the memory of the drum at an end (0, 1), see `_drum.py`."""
     start = STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + _DRUM_SIZE * end
     return state[start : start + _DRUM_SIZE]
 

@@ -38,7 +38,7 @@ _MAX_NODE_SHARE = 0.5
 """Largest part of a node's cable that a step may take out of it."""
 _MAX_ROUNDS = 6
 _FLOW_TOLERANCE = 1e-15
-"""Length of path moved in a step up to which it is rounding [m]."""
+"""Length of path moved in a step that still counts as rounding [m]."""
 
 
 @internal
@@ -103,9 +103,8 @@ def _carried_length(
 ) -> float:  # fmt: skip
     """Return the unstretched length that the path carries from node j to j + 1 [m].
 
-    Of the path `flow` [m] moves, back if negative. The nodes (n + 1,) have `tension`
-    [N] and `length` of path [m]; `ratio` is the stretch ratio of the one that it
-    leaves.
+    The path moves by `flow` [m], back if negative. The nodes (n + 1,) have `tension`
+    [N] and `length` of path [m]; `ratio` is the stretch ratio of the node it leaves.
     """
     if abs(flow) <= _FLOW_TOLERANCE:
         return 0.0

@@ -39,7 +39,7 @@ PULLEYS = (
     Parameter("gear_ratio", "1", "turns of the motor per turn", 1e-6, 1e6),
     Parameter("backlash", "rad", "play of the joint in its pulley", 0.0, 1e3),
 )
-"""Bounds of the numbers of a transmission."""
+"""Bounds of the fields of a `Transmission`."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ Kind = Scalar | Array | Structure
 
 
 def holds_array(kind: Kind) -> bool:
-    """Return whether values of a type are views of memory that another object owns."""
+    """Return whether values of a type hold arrays, views of memory owned elsewhere."""
     if isinstance(kind, Structure):
         return any(holds_array(each) for _, each in kind.fields)
     return isinstance(kind, Array)

@@ -373,7 +373,7 @@ def compile_library(path: Path, *parts: Path) -> Path:
 
 
 def write_source(path: Path) -> None:
-    """Write the library's source in C, by a process of its own."""
+    """Write the library's source in C, in a separate process."""
     code = "import sys; from cc_mujoco.native._library import write; write(sys.argv[1])"
     paths = filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}

@@ -27,7 +27,7 @@ from cc_mujoco.plugin._ffi import MjData, MjModel
 from cc_mujoco.plugin._instance_data import Block, Pair
 
 RANDOM_POSES = 200
-"""Number of random poses in which a path may touch a geom before a warning."""
+"""Number of random poses tried before a warning that a path never touches a geom."""
 NO_PASSIVE = (
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
@@ -36,7 +36,7 @@ NO_TIMESTEP = (
     "not pull"
 )
 _PATH = 2
-"""Index of an open cable's path; 0 and 1 are its proximal and distal end."""
+"""Index of the path among a cable's parts; 0 and 1 are the proximal and distal end."""
 
 
 @internal

@@ -345,7 +345,7 @@ class AttachedCables:
             )
 
     def _require_followed(self, index: int, cable: Cable) -> None:
-        """Require that the ends need no implicit steps unless those attached do."""
+        """Require that ends attached as explicit stay stable with this cable."""
         if (
             self._look[index]
             or self._stiffness(cable, index) <= NEWMARK.stability_limit

@@ -300,7 +300,7 @@ def kernels(
 
 @wp.kernel(module="unique", enable_backward=False)
 def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
-    """Mark worlds whose next evaluation sets their cables to rest."""
+    """Let the next evaluation set the cables of worlds in `mask` to rest."""
     cable, world = wp.tid()
     if mask[world]:
         stamp[cable * mask.shape[0] + world] = wp.inf

@@ -20,10 +20,10 @@ class AddedCables:
 
     Attributes:
         cables: names of the cables; of a tendon with pulleys one for every branch.
-        winch: new drive of the proximal ends: the fixed tendon that
-            carries what acted on a tendon as a whole, or the joint of a motor; empty
-            where there is none, or where `parts` have winches of their own.
-        lines: report on everything that was there, or one line for each of `parts`.
+        winch: name of the new drive of the proximal ends: the fixed tendon on which the
+            loads of a tendon act now, or the joint of a motor; empty if there is none,
+            or if `parts` have winches of their own.
+        lines: report on every element and load, or one line for each of `parts`.
         parts: the reports on several tendons, in their order.
     """
 

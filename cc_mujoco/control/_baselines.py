@@ -37,7 +37,7 @@ class _KnownMotor(SteppedController):
 
 
 class BacklashInverse(_KnownMotor):
-    r"""The motor's angle from the inverse of the backlash, with integral feedback.
+    r"""Position control of the motor by the inverse of the backlash, with an integral.
 
     If all cables slip as a whole, they make the desired torque at one angle of the
     motor for each direction of motion (`full_slip_balance`). The direction is that of

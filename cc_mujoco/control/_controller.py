@@ -153,8 +153,8 @@ def needs_winding(observation: Mapping[str, Any], drive: Drive) -> bool:
 def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
     """Convert measurements to a joint with a round pulley on which the cables wind.
 
-    Models of cables have a constant arm. So angle and velocity of the joint are those
-    of that pulley, and both torques are those that its tensions would make there. An
+    Models of cables have a constant arm. So angle and velocity of the joint become
+    those of that pulley, and both torques those that the same tensions make at it. An
     observation without `device.WINDING_COLUMNS` is assumed to be of such a pulley.
 
     Raises:
@@ -164,7 +164,7 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
         return observation
     changed = {name: observation[wound] for name, wound in WOUND.items()}
     leverage = observation[WINDING_COLUMNS[2]]
-    with np.errstate(all="ignore"):  # a torque over an arm of 0 is none
+    with np.errstate(all="ignore"):  # a torque over an arm of 0 is no number
         for name in LAW_INPUTS[4:]:
             changed[name] = np.divide(observation[name], leverage)
     return {**observation, **changed}
@@ -251,7 +251,7 @@ class SteppedLaw:
     gains: tuple[Parameter, ...] = LIMITS
     seen: tuple[str, ...] = LAW_INPUTS  # readings that it uses
     needs_slope: bool = False  # cables must have terms that `_tension_slope` supports
-    is_round: bool = True  # True if it reads torques as of a round pulley
+    is_round: bool = True  # True if `as_round_pulley` converts its readings
     unguarded: frozenset[str] = frozenset()  # readings that its guard does not check
     is_policy: bool = False  # True if it reads columns of an observation as they are
 

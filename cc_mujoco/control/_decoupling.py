@@ -66,13 +66,6 @@ class Coupled(NamedTuple):
 
 
 @internal
-def _solve(work: Coupled, found: FloatArray) -> None:
-    """Solve the normal equations of `work` for the active unknowns, into `found`."""
-    found[:] = work.wanted
-    solve_active(work.normal, work.used, work.factor, found)
-
-
-@internal
 def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -> None:
     """Set `normal` and `wanted` of `work` to normal equations of least squares.
 
@@ -114,7 +107,8 @@ def _motor_torques(work: Coupled, measured: FloatArray, found: FloatArray) -> No
             work.columns[i, k] = 0.0 if rival else work.ratios[own[i], k]
     # Weight of the motor torques in the inverse of the ratios.
     _least_squares(count, measured, 1e-10, work)
-    _solve(work, found)
+    found[:] = work.wanted
+    solve_active(work.normal, work.used, work.factor, found)
     for i in range(count):
         found[i] /= work.unit[i]
 
@@ -143,7 +137,8 @@ def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
     for i in range(count):
         edge = max(edge, 1e-12 * abs(wanted[i]))
     for _ in range(200):  # a few steps are usual, and their number is finite
-        _solve(work, found)
+        found[:] = wanted
+        solve_active(work.normal, used, work.factor, found)
         wrong = -1
         for i in range(count):
             if used[i] != 0.0:

@@ -80,7 +80,7 @@ class _Thresholds(NamedTuple):
     rate_filter: float = 0.2  # weight of a new rate of the measured torque
     quiet_samples: float = 10  # without new velocities after a spike of an encoder
     frozen_samples: float = 20  # equal readings from which a sensor may be frozen
-    # relative change of a torque that is none: it is divided by the arm of a lever
+    # relative change up to which torques are equal: they are divided by a lever's arm
     equal_share: float = 2e-3
     stretch_factor: float = 3.0  # stiffness over the believed one, or its inverse
     # Time [s] and periods for which a motor may stand still in all at a command above
@@ -245,8 +245,8 @@ def release_state(
     """Return 1.0 while the motor is to follow the joint, else 0.0.
 
     The result was `before` in the previous step. `measured` is the measured torque at
-    the joint, `rushing` what stopping the rotor would add (`impact_torque`), `planned`
-    the desired torque and `safe` the largest safe one [N m].
+    the joint, `rushing` the `impact_torque` in addition, `planned` the desired torque
+    and `safe` the largest safe one [N m].
     """
     share = _SET.release_share if before == 0.0 else _SET.recovery_share
     more = _SET.predicted_factor * share
@@ -370,9 +370,9 @@ def _predict(own: Guarded, moved: float) -> None:
     is_soft = spring[SOFT] > 0.0
     most = max(spring[REST], slack) if is_soft else spring[REST]
     if one_way and memory[_SLACK] > _SET.slack_time and low > most:
-        # Neither sensor nor command knows of that tension: it was slack that was wound.
-        # Soft ends keep the stretch of what is known: without it they would seem to
-        # pull far less when they are hard.
+        # Neither sensor nor command shows that tension: the motor has wound up slack.
+        # Soft ends keep the stretch by the known torque, without which they would seem
+        # to pull far less once they are hard.
         left = _stretch_at(spring, one_way, known, held) if is_soft else 0.0
         memory[_REFERENCE] = stretch - sign * left
         low, high = spring_edges(spring, one_way, left, held)
@@ -514,7 +514,7 @@ def _check_frozen(own: Guarded, seen: FloatArray) -> None:
             # The torque of a slack cable stays the same, and so does its stretch.
             is_far &= abs(expected) > _SET.equal_share * limits.safe_torque
             is_far &= limits.shared == 0.0
-        else:  # one of both stands still: no other radius explains the torque
+        else:  # motor or joint stands still, if no other stiffness explains the torque
             low, high = expected / _SET.stretch_factor, expected * _SET.stretch_factor
             is_far = max(min(low, high) - change, change - max(low, high)) > least
         if is_far:
@@ -528,18 +528,6 @@ def _check_frozen(own: Guarded, seen: FloatArray) -> None:
         memory[_PUSH] += limits.period * min(pushed, _SET.push_rate)
     if memory[_PUSH] > max(_SET.push_time, _SET.push_periods * limits.period):
         stop(memory, LIMP)
-
-
-@internal
-def _watch_motor(own: Guarded, seen: FloatArray) -> None:
-    """Low-pass the motor torque, less that of its inertia, referred to the joint."""
-    limits, memory = limits_of(own.gains), own.memory
-    rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
-    given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
-    share = min(limits.period / _SET.motor_time, 1.0)
-    memory[_GIVEN] += share * (given - memory[_GIVEN])
-    kept = max(1.0 - limits.period / _SET.hold_time, 0.0)
-    memory[_MOST] = max(kept * memory[_MOST], abs(memory[_GIVEN]))
 
 
 @internal
@@ -628,10 +616,10 @@ def _learn(own: Guarded) -> None:
 def _compare(own: Guarded) -> None:
     """Stop or limp if other torques contradict the sensor; else learn the gain.
 
-    The others are the torque predicted from the stretch, times the gain, and the
-    motor's. For `gap_time`, less if the gap is large: if both contradict the sensor, or
-    the motor's does where the stretch is known not to fit, stop. If only the stretch
-    does, which explained the sensor before, and the motor's does not object, limp.
+    The others are the stretch torque, times the gain, and the motor's. The guard stops
+    the motor if both contradict the sensor, or the motor's alone where the stretch is
+    known not to fit. It limps if the stretch alone does, which fitted before, and the
+    motor's torque agrees with it. Each takes `gap_time`, less if the gap is large.
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
@@ -677,7 +665,13 @@ def admit(own: Guarded, seen: FloatArray) -> None:
         _check_frozen(own, seen)
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _SET.rate_filter * (rate - memory[_RUSH])
-    _watch_motor(own, seen)
+    # The motor torque less that of its inertia, referred to the joint.
+    speeding = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
+    given = limits.ratio * (memory[COMMAND] - limits.inertia * speeding)
+    share = min(limits.period / _SET.motor_time, 1.0)
+    memory[_GIVEN] += share * (given - memory[_GIVEN])
+    kept = max(1.0 - limits.period / _SET.hold_time, 0.0)
+    memory[_MOST] = max(kept * memory[_MOST], abs(memory[_GIVEN]))
     memory[_UNSAFE] *= max(1.0 - limits.period / _SET.unsafe_memory, 0.0)
     if abs(seen[TORQUE]) > limits.safe_torque:
         memory[_UNSAFE] += limits.period
@@ -688,7 +682,6 @@ def admit(own: Guarded, seen: FloatArray) -> None:
         memory[_GOOD + i] = seen[i]
     if is_known:
         _predict(own, moved)
-        share = min(limits.period / _SET.motor_time, 1.0)
         memory[_TAKEN] += share * (seen[TORQUE] - memory[_TAKEN])
         beyond = memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
         memory[_TAKEN_PREDICTED] += share * beyond
@@ -829,7 +822,7 @@ def _swing_bounds(
 def _swing_limited(own: Guarded, torque: float) -> float:
     """Return the command, limited so that the joint is safe till the motor reacts."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
-    is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
+    is_quick = damper_share(limits, spring) < 1.0  # else the guard reacts in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
     if not (is_quick and is_known) or memory[STATE] != FREE:
         return torque

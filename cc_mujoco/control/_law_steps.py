@@ -714,7 +714,7 @@ def step_gaussian(data: LawData) -> float:
         _advance(model, ahead, applied[i], new)
     wanted = (seen[guard.DESIRED] - ahead[LACK]) * ratio / rigidity
     if limits.one_way != 0.0:
-        # A single cable cannot push, and what hangs need not hang further.
+        # A single cable cannot push, so a slack one need not be paid out further.
         least = -abs(seen[guard.DESIRED]) * abs(ratio) / rigidity
         wanted = max(wanted, least)
     hold = rigidity / ratio**2 * wanted - ahead[LOAD]

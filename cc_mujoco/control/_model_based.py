@@ -71,14 +71,15 @@ class ModelBased(ProportionalIntegral):
 
         Args:
             drive: The device to be driven; its `cables` must be known.
-            proportional: Kp [-].
-            integral: Ki [1/s].
+            proportional: Gain of the torque error, Kp [-].
+            integral: Gain of its integral, Ki [1/s].
             mismatch: Deliberate relative error of the model's friction, above -1; or a
                 function of the time since the reset [s] that gives it.
-            settling: T [s]; 0 where the motor has no inertia. It is less where the
-                damping, times period and motor lag, would exceed 0.8 of a known
-                inertia: with a delay of one period, 1 is the edge of stability. It is 0
-                where the motor swings so fast that damping would drive the swing.
+            settling: Time T in which a damper settles the motor [s]; 0 where it has no
+                inertia. It is less where the damping, times period and motor lag, would
+                exceed 0.8 of a known inertia: with a delay of one period, 1 is the edge
+                of stability. It is 0 where the motor swings so fast that damping would
+                drive the swing.
 
         Raises:
             CableError: If the cables are not known, a gain is negative, or a constant

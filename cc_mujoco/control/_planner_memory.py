@@ -87,7 +87,7 @@ class Planner(NamedTuple):
     push: FloatArray
     best: FloatArray
     state: FloatMatrix  # states of the cables at the time of the measurements
-    other: FloatMatrix  # likewise, of the model with bristles
+    other: FloatMatrix  # `state` of the model with bristles
     present: FloatMatrix  # scratch: states now, as predicted
     rolled: FloatMatrix  # scratch: states along a plan
     leapt: FloatMatrix  # scratch of `rollout.MotorSearch`
@@ -99,8 +99,9 @@ class Planner(NamedTuple):
     path: FloatArray
     load: FloatArray
     holding: FloatArray
-    vectors: FloatMatrix  # scratch of `optimise_commands` (`WORK_ROWS`, knots)
-    matrix: FloatMatrix  # scratch of it (knots, knots)
+    # Scratch of `optimise_commands`, (`WORK_ROWS`, knots) and (knots, knots)
+    vectors: FloatMatrix
+    matrix: FloatMatrix
     friction: FloatMatrix  # factors on friction, as packed and as learned (2, cables)
     values: FloatArray  # scratch: scalars of a cable (`SCALARS`,)
     work: FloatArray  # scratch of `cable._layout.work_size`

@@ -129,19 +129,14 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
 
 
 @internal
-def _states(planner: Planner, hypothesis: int) -> FloatMatrix:
-    """Return the states of a model; `hypothesis` 1 is that with bristles, 0 without."""
-    return planner.other if hypothesis == 1 else planner.state
-
-
-@internal
 def _explain_rotor(planner: Planner, hypothesis: int, motor: float) -> None:
     """Update the torque on the rotor that a model of the cables does not explain.
 
-    `hypothesis` as in `_states`; `motor` is the measured angle [rad].
+    `hypothesis` is 1 of that with bristles, else 0; `motor` is measured [rad].
     """
     memory, applied, tune = planner.memory, planner.applied, planner.tune
-    load = stepper.torque(planner.cables, _states(planner, hypothesis), False, motor)[0]
+    state = planner.other if hypothesis == 1 else planner.state
+    load = stepper.torque(planner.cables, state, False, motor)[0]
     mean_load = 0.5 * (load + memory[at.MODEL_LOAD + hypothesis])
     memory[at.MODEL_LOAD + hypothesis] = load
     believed = int(memory[at.BELIEVED_DELAY])
@@ -183,11 +178,12 @@ def _follow(
     """Advance the cables of a model to the measurements; return its joint [rad].
 
     `joint` is the angle of the joint after the step without correction [rad],
-    `hypothesis` as in `_states`; `motor` [rad] and `torque`, without its bias [N m],
-    are measured. The error of the predicted torque is stored in the memory.
+    `hypothesis` 1 of that with bristles, else 0; `motor` [rad] and `torque`, without
+    its bias [N m], are measured. The error of the predicted torque is stored.
     """
     cables, memory, tune = planner.cables, planner.memory, planner.tune
-    state, new, dt = _states(planner, hypothesis), planner.new, tune[at.PERIOD]
+    state, new = planner.other if hypothesis == 1 else planner.state, planner.new
+    dt = tune[at.PERIOD]
     stepper.move(cables, state, motor, joint, dt, new, planner.work)
     made, size = stepper.torque(cables, new, True, motor)
     taut = size > 0.0
@@ -247,7 +243,10 @@ def _find_joint_angle(
 
 @internal
 def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
-    """Advance the observers of the rotor; choose the delay that errs least."""
+    """Advance the rotor's observers by a measured angle [rad]; choose the best delay.
+
+    `mean_load` is the torque of the cables on the rotor during the step [N m].
+    """
     memory, rotors, applied = planner.memory, planner.rotors, planner.applied
     believed, best, errors = int(memory[at.BELIEVED_DELAY]), 0, at.OBSERVER_ERROR
     # The gain is the same for all, or the quickest would win.
@@ -276,8 +275,8 @@ def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> flo
     horizon.
 
     `wanted` is the shift that the torque sensor demands [rad], positive for more pull;
-    `pull` is the measured torque in the cable's direction [N m]; `hypothesis` as in
-    `_states`.
+    `pull` is the measured torque in the cable's direction [N m]; `hypothesis` is 1 of
+    the model with bristles, else 0.
     """
     memory, tune = planner.memory, planner.tune
     now, taut = at.JOINT_SHIFT + 2 * hypothesis, at.TAUT_SHIFT + 2 * hypothesis

@@ -44,7 +44,7 @@ class _Deviations(NamedTuple):
 
     angle: FloatArray  # error of the angle without increments (knots,) [rad]
     command: FloatArray  # command less holding torque without them (knots,) [N m]
-    step: FloatArray  # angle so many knots after an increment (knots,) [rad/N m]
+    step: FloatArray  # angle per increment, by knots since it (knots,) [rad/(N m)]
     weight: float  # of a squared torque [rad^2/(N m)^2]
 
 

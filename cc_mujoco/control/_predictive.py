@@ -283,11 +283,7 @@ class PredictiveCompensation(SteppedController):
 
     @staticmethod
     def _laid_out(shape: tuple[int, ...], numbers: tuple[float, ...]) -> LawTables:
-        """Return the `LawTables` of a shape and its numbers.
-
-        They have the size of the memory, and where the last torques and the states of
-        the cables are in it.
-        """
+        """Return the `LawTables` of a planner with this shape and these constants."""
         given, states, size = planner_steps.places(np.array(shape, np.int64))
         guarded = planner_steps.LAW + planner_memory.GUARD + guard.COMMAND
         return LawTables(shape, numbers, size, (given - 1, guarded), states)

@@ -225,7 +225,7 @@ class PlantsController(Controller):
                 law.reset()
 
     def given(self, torque: Any) -> None:
-        """Accept the torques of every plant, (n,) or (n, axes); see `Controller`."""
+        """See `Controller.given`; torques are (n,) or (n, axes), of every plant."""
         for law, own in zip(self.laws, torque, strict=True):
             law.given(own)
 

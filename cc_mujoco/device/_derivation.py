@@ -106,7 +106,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     _name_parts(spec)
     _require_targets(spec, scene)
     try:
-        # A copy, as elements of what was compiled cannot all be taken out later.
+        # A copy, as some elements cannot be deleted from a compiled specification.
         model = spec.copy().compile()
     except ValueError as error:
         reason = error_sentence(error)

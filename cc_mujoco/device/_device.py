@@ -190,7 +190,7 @@ class Device(Nominal):
 
     def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
         """Return the scene without visual elements, except the tendons in `kept`."""
-        with _ONE:  # two threads would make two, and what one stands on would go
+        with _ONE:  # two threads would each make a scene, and one would be freed in use
             if kept not in self._bare:
                 self._bare[kept] = stripping.strip(self.spec, kept)
             return self._bare[kept]

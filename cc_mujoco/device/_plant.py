@@ -349,7 +349,7 @@ class Plant:
             stiffness = (diameter / nominal) ** 2 * stiffness
         friction = own.get("friction")
         if (material := self.material) is not None:
-            # Sources do not tell the two frictions apart; the scene does.
+            # Sources do not separate static and kinetic friction; the scene does.
             end = str(self.values.get("material_friction", ENDS[1]))
             friction = material.friction.at(end)
             stiffness = material.axial_stiffness(diameter)
@@ -410,7 +410,7 @@ class Plant:
             more = sum((radius / nominal) ** 4 - 1.0 for nominal, radius in radii)
             if disc and more:
                 turning = spec.joint(name)
-                # A disc has half of it about its diameters.
+                # A disc has half of its axial inertia about its diameters.
                 about = 0.5 * (1.0 + np.abs(turning.axis))
                 inertia = disc / len(radii) * more * about
                 turning.parent.inertia = turning.parent.inertia + inertia

@@ -176,7 +176,7 @@ def bounded_step(
     step = np.zeros(size.size)
     free = np.ones(size.size, dtype=bool)
     for _ in range(size.size + 1):
-        # What stands at a bound stays; the others make the best of it.
+        # Parameters at a bound stay there; the others are solved for.
         rest = -(slope / size + scaled @ (step * size * ~free))[free]
         step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], rest, 1e-12)[0]
         step[free] /= size[free]

@@ -304,7 +304,7 @@ class FrictionEstimator(SlopeEstimator):
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of its error [-], from noise and lag behind the drift."""
+        """Standard deviation of the error of `friction` [-], by noise and by drift."""
         return float(self._fit.deviation[0])
 
     def rebend(self, angles: ArrayLike) -> None:

@@ -172,7 +172,7 @@ def motor_power(log: LogLike) -> Array:
 
 
 def motor_heat(log: LogLike) -> Array:
-    """Return the heat of the motor's winding (T,) [W], R (torque / (gearing k))^2."""
+    """Return the motor's winding heat (T,) [W]: resistance times current squared."""
     gear = metadata_constant(log, Key.GEARING) * metadata_constant(
         log, Key.TORQUE_CONSTANT
     )

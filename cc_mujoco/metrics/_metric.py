@@ -16,7 +16,7 @@ from cc_mujoco.native import FloatArray as Array
 
 Better = Literal["low", "high", ""]
 Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
-"""Episode that a metric is computed from; the last is none, but the parts alone."""
+"""Episode that a metric is computed from; `parts` is none: it follows from a design."""
 
 
 class Key:

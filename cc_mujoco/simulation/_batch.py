@@ -52,7 +52,7 @@ class Worlds(Protocol):
         """Mask (n,) of simulations that a MuJoCo warning ended, such as divergence."""
 
     def clear(self, rows: NDArray[np.intp]) -> None:
-        """Clear the warnings of these simulations; call `start` for each next."""
+        """Clear the warnings of some simulations, each of which is then to `start`."""
 
     def vary(self, row: int, plant: Plant) -> None:
         """Copy the wearer and cables of a plant into the model of a simulation."""
@@ -298,7 +298,7 @@ class Batch:
             Columns by name, (steps + 1, n, ...).
         """
         trace = loop.Trace(names, self.steps, self.going)
-        with np.errstate(all="ignore"):  # what diverged is not a number
+        with np.errstate(all="ignore"):  # diverged columns are NaN
             loop.run(self, law, trace.keep, *observers, measure=measure, name=self.name)
         return trace.columns
 

@@ -58,23 +58,23 @@ RECORD = np.dtype(
             "commands",  # address of (physics steps + 1, scripted)
             "desired",  # address of the torques of a task of the phase (steps + 1,)
             "task_parameters",  # address of those of `Tunnel` or `Spring`
-            "cables",  # number
+            "cables",  # number of cables
             "readings",  # address of (cables, 5): first node in `plugin_state`, number
             # of nodes, energy, and both ends in `actuator_force`
-            "columns",  # address of what is kept (columns, steps + 1)
-            # Addresses of what is the law's, and their sizes
+            "columns",  # address of the kept columns (columns, steps + 1)
+            # Addresses of the arrays of `LawData`, and their sizes
             "memory", "memory_size", "shape", "shape_size", "tables", "tables_size",
-            "sources",  # address of the places of what the law reads in `READ_COLUMNS`
+            "sources",  # address of the indices in `READ_COLUMNS` of the law's readings
             "source_count",
-            "taps",  # address of the places of its tension sensors in `plugin_state`
+            "taps",  # address of the indices of its tension sensors in `plugin_state`
             "tap_count",
             "is_round",  # 1 where it reads torques as of a round pulley
-            "seen",  # address of what it reads
+            "seen",  # address of the readings
         )
     ]
 )  # fmt: skip
-"""Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
-which is also what MuJoCo makes of it when a simulation diverges."""
+"""Record of a simulation. `userdata[0]` of the simulation holds its address, or 0 for
+none, to which MuJoCo also resets it when a simulation diverges."""
 
 _FIELD_COUNT = len(axis_record.Physics._fields)
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]  # a simulation's `RECORD`

@@ -173,7 +173,7 @@ class Episodes:
                 history.act(actions[:, n])
         for sample in range(exo.hold):
             if sample and (warned := worlds.warned).any():
-                going = going & ~warned  # what diverged takes no further sample
+                going = going & ~warned  # diverged simulations take no further sample
             if going is not self._all and not going.any():
                 break
             control = self.wiring.controls(actions, self.samples, going)

@@ -90,7 +90,7 @@ def attended(plant: Plant, spare_bytes: int = 0) -> mujoco.MjModel:
     if spare_bytes:
         make_room(spec, spare_bytes)
     with _one:  # two threads would register the plugin twice
-        compiled.attend(spec)  # at last, as a copy loses what no element refers to
+        compiled.attend(spec)  # at last, as a copy of `spec` would lose the instance
     return spec.compile()
 
 
@@ -248,7 +248,7 @@ def _play_inside(
         with contextlib.suppress(SimulationError):
             simulations.roll((last - step) * exo.frame_skip, going)
         for row in np.flatnonzero(simulations.fell & going).tolist():
-            # What MuJoCo resets is attended no more; what raised is as it was.
+            # A reset by MuJoCo clears `userdata`; an error leaves the state as it was.
             over = last == exo.steps and step_of(row) == last
             raised = simulations.batch.status[row] != 0
             is_counted = not raised and (over or attended[row] != 0.0)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from cc_mujoco.simulation._worn_device import WornDevice
 
 OF_PHASE, TUNNEL, SPRING, OTHER = range(4)
-"""Codes of tasks: torque of the phase alone, `Tunnel`, `Spring`, one in Python."""
+"""Codes of tasks: known in advance, `Tunnel`, `Spring`, computed in Python alone."""
 
 TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 

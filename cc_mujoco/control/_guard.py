@@ -618,8 +618,8 @@ def _compare(own: Guarded) -> None:
 
     The others are the stretch torque, times the gain, and the motor's. The guard stops
     the motor if both contradict the sensor, or the motor's alone where the stretch is
-    known not to fit. It limps if the stretch alone does, which fitted before, and the
-    motor's torque agrees with it. Each takes `gap_time`, less if the gap is large.
+    known not to fit. It limps if the stretch alone does, which fitted before and which
+    the motor does not contradict. Each takes `gap_time`, less if the gap is large.
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
@@ -627,7 +627,7 @@ def _compare(own: Guarded) -> None:
     given, friction = memory[_GIVEN], _most_friction(spring)
     beyond = _beyond(own, given, torque, friction)
     late = _beyond(own, given, memory[_TAKEN], friction)
-    # A quick swing is in the one before it is in the other.
+    # The low-passed torque of the motor follows a quick swing later than the sensor.
     beyond = 0.5 * (np.sign(beyond) + np.sign(late)) * min(abs(beyond), abs(late))
     agrees = beyond * (scaled - torque) > 0.0
     denied = agrees and gap > _SET.denied_share * limits.safe_torque

@@ -128,11 +128,7 @@ def require_writable(folder: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a sibling path to write to; it becomes `target` when the block succeeds.
-
-    The sibling lies in the same folder, so that the last step is one rename. If the
-    block raises, the sibling is deleted and `target` is untouched.
-    """
+    """Yield a path beside `target`, which it replaces if the block succeeds."""
     target = Path(target)
     partial = _sibling_path(target)
     with _name_failures(target):

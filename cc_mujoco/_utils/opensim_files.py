@@ -44,12 +44,6 @@ Hamner2010, and the same but for the knee of Rajagopal2016, whose flexion is pos
 (https://github.com/opensim-org/opensim-models; its issue 127 compares the knees)."""
 
 
-class _Header(NamedTuple):
-    names: list[str]  # of the columns, with units
-    top: int  # number of the line that names them, from 1
-    facts: dict[str, str]  # entries `KEY=VALUE`, by keys in lower case
-
-
 def has_header(path: Path) -> bool:
     with path.open("rb") as file:
         return bool(re.search(rb"(?mi)^[ \t]*endheader[ \t\r]*$", file.read(1 << 16)))
@@ -61,18 +55,16 @@ def coordinate(column: str) -> str:
     return (found[1] or found[2]) if found else column
 
 
-def _header(path: Path) -> _Header:
+def _header(path: Path) -> tuple[list[str], int, dict[str, str]]:
+    """Return names of columns, the number of their line, and the header's entries."""
     ended, facts = False, dict[str, str]()
     with path.open(encoding="utf-8-sig") as file:
         for count, line in enumerate(file, start=1):
             text = line.strip().lower()
             if ended and text:
                 unit = {"yes": "_deg", "no": "_rad"}.get(facts.get("indegrees", ""), "")
-                names = [
-                    _with_unit(column, unit)
-                    for column in line.replace(",", " ").split()
-                ]
-                return _Header(names, count, facts)
+                columns = line.replace(",", " ").split()
+                return [_with_unit(c, unit) for c in columns], count, facts
             ended |= text == "endheader"
             key, equals, value = text.partition("=")
             if equals:
@@ -97,7 +89,7 @@ def _with_unit(column: str, angle: str) -> str:
 
 
 def column_names(path: Path) -> list[str]:
-    return _header(path).names
+    return _header(path)[0]
 
 
 def read_columns(

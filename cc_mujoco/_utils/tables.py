@@ -28,7 +28,7 @@ from cc_mujoco._utils import array_files, mcap_files, opensim_files
 from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.parsing import unreadable
 from cc_mujoco._utils.units import Kind, unit_of, words
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 
 _READERS: dict[str, ModuleType] = {
     ".mot": opensim_files,
@@ -50,15 +50,18 @@ def is_table(name: str | Path) -> bool:
     return _TABLE.fullmatch(str(name)) is not None
 
 
-def split_selection(given: str | Path) -> tuple[Path, dict[str, str]]:
-    """Return the path of a table, and the value of each `KEY=VALUE` after its colon."""
+def split_selection(given: str | Path) -> tuple[Path, str, dict[str, str]]:
+    """Return path, side ("" for any) and columns by joint of a table's text."""
     found = _TABLE.fullmatch(str(given))
     if found is None or not found[2]:
-        return Path(given), {}
-    pairs = [piece.partition("=")[::2] for piece in found[2].split(";")]
-    if not all(key and value.strip("+-") for key, value in pairs):
+        return Path(given), "", {}
+    chosen = dict(piece.partition("=")[::2] for piece in found[2].split(";"))
+    if not all(key and value.strip("+-") for key, value in chosen.items()):
         raise CableError(f"{given}: {found[2]!r} must be JOINT=COLUMN or side=left.")
-    return Path(found[1]), dict(pairs)
+    side = chosen.pop("side", "")
+    if side:
+        look_up("side", side, dict.fromkeys(("left", "right")))
+    return Path(found[1]), side, chosen
 
 
 def require_no_markers(path: Path) -> None:
@@ -114,11 +117,7 @@ def _readable(path: Path) -> Iterator[None]:
 def quantity_column(
     path: Path, names: Sequence[str], name: str, measured: Kind
 ) -> Column:
-    """Return the column of a quantity, in whatever unit the file has it.
-
-    `name` ends in the SI unit, such as `angle_rad`; the file may also have `angle_deg`
-    or `Angle [deg]`.
-    """
+    """Return the column of a quantity `angle_rad`, also as `Angle [deg]`."""
     stem = name.rpartition("_")[0]
     found = {}
     for other in names:

@@ -116,11 +116,7 @@ class CellSetup(NamedTuple):
 
 
 def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """Return the cells in groups, each of which can be simulated as one batch.
-
-    The cells of a group have the same controller, seeds, device, task and duration;
-    their unknown effects may differ.
-    """
+    """Return cells in groups that can be simulated as one batch."""
     found: dict[object, list[Cell]] = {}
     for cell in cells:
         at = cell.condition
@@ -251,11 +247,7 @@ def play(cell: Cell) -> CellResult:
 
 
 def play_group(cells: Sequence[Cell]) -> list[CellResult]:
-    """Simulate a group of cells from `batch_groups` as one batch; return their results.
-
-    Each result is the same as if its cell were simulated alone. Raises `CableError` for
-    an unknown name or a controller that cannot be used.
-    """
+    """Simulate a group from `batch_groups`, each cell as if it were alone."""
     made = prepare_episodes(cells)
     batch = made.batch
     names = ["joint_angle_rad", "joint_torque_nm", "desired_torque_nm"]

@@ -268,11 +268,7 @@ class Draw:
 def sample_plants(
     condition: Condition, seeds: Sequence[int], key: str = ""
 ) -> list[Draw]:
-    """Draw the plants of a condition, one for each seed.
-
-    With the secret `key` of a run (see `new_key`) the seeds alone do not tell the
-    plants.
-    """
+    """Draw a condition's plants by seeds and the secret `key` of the run, if any."""
     device = find_device(condition.scene)
     return [_sample_plant(condition, seed, device, key) for seed in seeds]
 

@@ -101,10 +101,9 @@ def bootstrap_means(
 def compare_resamples(
     one: Array, other: Array, mean: float, tests: int = 1
 ) -> Difference:
-    """Return the difference between two controllers with its 95 % interval.
+    """Return the difference `mean` with its 95 % interval from bootstrap means.
 
-    `one` and `other` are bootstrap means (resamples,), `mean` is the difference of the
-    means themselves. The interval is widened for `tests` comparisons (Bonferroni).
+    It is widened for `tests` comparisons (Bonferroni).
     """
     return Difference(mean, *_interval(one - other, tests))
 

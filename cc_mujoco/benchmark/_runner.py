@@ -296,11 +296,7 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
 
 
 def time_steps(cell: Cell) -> tuple[float, float]:
-    """Return the median and the worst time of a step of a cell's controller [s].
-
-    A step is a call of `Controller.torque` with measurements of the first seed. It is
-    processor time, so that other work on the machine does not count.
-    """
+    """Return the median and the worst processor time of a controller's step [s]."""
     # 1.1 s are timed, after compilation.
     short = replace(cell.condition, duration=1.1)
     made = prepare_episodes([replace(cell, condition=short, seeds=cell.seeds[:1])])

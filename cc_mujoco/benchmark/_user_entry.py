@@ -62,10 +62,9 @@ def controller_provenance(*names: str) -> dict[str, Any]:
 
 
 def blank_command_line(*options: str) -> None:
-    """Overwrite the values of secret options in this process's command line.
+    """Overwrite secret options in this process's command line, which others see.
 
-    Other processes of the same user, such as an entry, could read them there. Only on
-    Linux; elsewhere nothing is changed.
+    Only on Linux; elsewhere nothing is changed.
     """
     if sys.platform != "linux":
         return

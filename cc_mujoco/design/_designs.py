@@ -126,11 +126,7 @@ def latin_hypercube(
 
 
 def from_file(path: str | Path) -> list[dict[str, object]]:
-    """Read designs from a file, without checks of names or values.
-
-    CSV has a line of variable names and a line per design; TOML has a table
-    `[[design]]` for each.
-    """
+    """Read designs from CSV, or from tables `[[design]]` of TOML, without checks."""
     path = Path(path)
     read = {".csv": _from_csv, ".toml": _from_toml}.get(path.suffix.lower())
     if read is None:

@@ -89,11 +89,7 @@ def read_limits(
 def read_objectives(
     texts: Iterable[str], measured: Sequence[str] | None = None
 ) -> tuple[Objective, ...]:
-    """Parse `METRIC` (towards its better side), `min:METRIC` and `max:METRIC`.
-
-    A user's metric is `MODULE:NAME`, or only its name once it was imported. For
-    `measured` see `read_limits`.
-    """
+    """Parse `METRIC` (towards its better side), `min:METRIC` and `max:METRIC`."""
     found: list[Objective] = []
     for text in require_list("objectives", texts):
         way, _, given = text.partition(":")

@@ -241,11 +241,7 @@ def _slopes_table(found: Around) -> pa.Table:
 
 
 def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
-    """Return the Sobol indices of all metrics, one per row.
-
-    `other` is null except for pairs; `error` is 0 for exact indices. Indices below
-    their error are 0.
-    """
+    """Return the Sobol indices of all metrics, one per row; exact ones err by 0."""
     rows = []
     for one in found:
         about = {"metric": one.metric, "how": one.how}
@@ -372,11 +368,7 @@ def _scatter(axes: Axes, x: Array, y: Array, best: NDArray[np.bool_]) -> None:
 
 
 def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figure:
-    """Return plots of the mean of each metric (a row) over each variable (a column).
-
-    Only the `most` variables with the largest shares of variance are drawn; None is
-    all.
-    """
+    """Plot the mean of each metric (row) over the `most` important variables."""
     largest = {n: max(one.total[n] for one in found) for n in found[0].effects}
     names = sorted(largest, key=lambda name: -largest[name])[:most]
     width = 1.2 + 2.1 * len(names) if most is None else PAGE_WIDTH

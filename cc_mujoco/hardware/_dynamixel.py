@@ -125,12 +125,7 @@ class Dynamixel:
         torque_per_ampere: float,
         now: Now = time.perf_counter,
     ) -> None:
-        """Open the port, such as `/dev/ttyUSB0`; nothing is sent yet.
-
-        `node` is the ID of the servo, 0 to 252, `baud_rate` is in bit/s,
-        `torque_per_ampere` is that of its shaft [N m/A], and `now` the clock of the
-        host [s].
-        """
+        """Open the port of servo `node`; `now` is the clock of the host [s]."""
         self.ignored: Counter[str] = Counter()
         self.where = f"Dynamixel {node} on {port}"
         self._port = _open_port(port, baud_rate)

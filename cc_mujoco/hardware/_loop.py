@@ -171,11 +171,7 @@ class _AxisState:
 
 
 class Loop:
-    """One run of a rig with one or several axes.
-
-    Each cycle reads all axes, then checks, controls and writes all. The end of one
-    axis's run ends all.
-    """
+    """Run of a rig: a cycle reads all axes, then checks, controls and writes all."""
 
     def __init__(
         self,

@@ -106,11 +106,7 @@ def constant_course(torque: float) -> TorqueTable:
 
 
 def course_from_trajectory(name: str, amplitude: float, duration: float) -> TorqueTable:
-    """Return a trajectory of `cc-mujoco play` as a table of torques.
-
-    `amplitude` is the torque at the trajectory's own amplitude [N m], `duration` that
-    of the run [s].
-    """
+    """Return a trajectory as torques with a peak of `amplitude` [N m]."""
     found = look_up("trajectory", name, TRAJECTORIES)
     require_number("duration", duration, 0.01, MAX_DURATION, "s")
     motion = found.sample(duration, 0.002, np.random.default_rng(0))

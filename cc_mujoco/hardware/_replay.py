@@ -39,11 +39,7 @@ RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
 
 
 def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
-    """Write the recording and the figure of a run next to its log; return their paths.
-
-    `log` is the `log.csv` of a run or a trial, or the same as Parquet; `scene` is the
-    name or the file of a device.
-    """
+    """Write recording and figure of a run's log next to it; return their paths."""
     path = Path(log)
     if is_marked(path):
         made = path.with_name(RECORDING_FILE)

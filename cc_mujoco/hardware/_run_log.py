@@ -143,11 +143,7 @@ class RunLog:
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
     ) -> None:
-        """Append the row of a cycle.
-
-        `late` is the delay of its start, `work` the time from there until the command
-        was sent [s].
-        """
+        """Append the row of a cycle that began `late` and worked for `work` [s]."""
         if not self._starts:
             self._starts = [axis.seen.time for axis in axes]
         row = [axes[0].seen.time - self._starts[0]]

@@ -214,7 +214,7 @@ def read_torque(
     `joints` is read, or the one that stands behind the path, see `read_trajectory`;
     without `joints` the file must have a single column of torque.
     """
-    path, side, chosen = recorded.selection(path)
+    path, side, chosen = tables.split_selection(path)
     names = tables.column_names(path)
     own = next((c for j, c in chosen.items() if j in joints[:1] or not joints), "")
     torque = _torque_column(path, names, joints, side, own)
@@ -325,21 +325,18 @@ def with_columns(
     read = {key: text for key, text in texts.items() if is_table(text)}
     if not read:
         raise CableError("columns and a side are of a table, and none is given.")
-    found, used = {}, set[str]()
+    named = {column: column.partition("=")[2] for column in columns}
+    left, found = list(columns), {}
     for key, text in read.items():
-        names = tables.column_names(Path(text))
         kind = ANGLE if key == "trajectory" else TORQUE
-        own = [
-            c
-            for c in columns
-            if recorded.columns_like(c.partition("=")[2], names, kind)
-        ]
-        used.update(own)
-        pieces = ([f"side={side}"] if side else []) + own
-        found[key] = ":".join([text, ";".join(pieces)] if pieces else [text])
-    if lost := [column for column in columns if column not in used]:
+        names = tables.column_names(path := tables.split_selection(text)[0])
+        own = [c for c in named if recorded.columns_like(named[c], names, kind)]
+        left = [column for column in left if column not in own]
+        pieces = ";".join([f"side={side}"] * bool(side) + own)
+        found[key] = f"{text}{':' if text == str(path) else ';'}{pieces}".rstrip(":;")
+    if left:
         raise CableError(
-            f"--column {lost[0]} must be JOINT=COLUMN with a column of "
+            f"--column {left[0]} must be JOINT=COLUMN with a column of "
             f"{' or '.join(read.values())}, such as {names[1]}."
         )
     return found

@@ -60,6 +60,13 @@ class Recorded(Trajectory):
         """Time of the last sample [s]."""
         return self.times[-1]
 
+    @property
+    def turned(self) -> list[str]:
+        """Joints whose columns are turned to fit the ranges of a device."""
+        joints = self.joint, *dict(self.others)
+        each = zip(joints, self.columns, self.signed, strict=False)
+        return [joint for joint, column, own in each if own and column.startswith("-")]
+
     def describe(self) -> str:
         """Return a sentence with column, range and sign of each joint's angle."""
         every = [(self.joint, self.angles), *self.others]
@@ -184,7 +191,7 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     all columns of angles are read; one without the name of a joint, else the first, is
     that of the driven joint.
     """
-    path, side, chosen = selection(path)
+    path, side, chosen = tables.split_selection(path)
     names = tables.column_names(path)
     clock = tables.quantity_column(path, names, "time_s", CLOCK)
     for joint in chosen if joints else ():
@@ -204,13 +211,6 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     by_model = opensim_files.has_header(path)
     signed = tuple(by_model and name[0] not in "+-" for name in named)
     return Recorded(since, own, first, tuple(others), str(path), named, signed)
-
-
-def selection(given: str | Path) -> tuple[Path, str, dict[str, str]]:
-    """Return path, side ("" for any) and columns by joint of a table's text."""
-    path, chosen = tables.split_selection(given)
-    side = chosen.pop("side", "")
-    return path, look_up("side", side, SIDES) if side else "", chosen
 
 
 def columns_like(given: str, names: Sequence[str], measured: Kind) -> list[str]:

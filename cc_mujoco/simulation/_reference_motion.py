@@ -107,14 +107,16 @@ class Author:
         duration = steps * frame_skip * float(device.model.opt.timestep)
         for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):
             _warn_of_end(recorded, duration)
-        moves = dict.fromkeys(
+        moves: dict[str, None] = dict.fromkeys(
             source.describe()
             for source in map(unperturbed, sources)
             if (isinstance(source, Walk) and source.joints)
             or (isinstance(source, Recorded) and source.columns)
         )
-        tabled = (task for task in tasks if isinstance(task, TableTorque))
-        moves |= dict.fromkeys(task.describe() for task in tabled if task.column)
+        for axis, source, task in zip(device.axes, sources, tasks, strict=True):
+            if isinstance(task, TableTorque) and task.column:
+                moves[task.describe()] = None
+                _warn_of_sign(axis.axis.limb, unperturbed(source), task)
         self.note = "; ".join(moves) + "." if moves else ""
         """Sentence on joints that walk, and on what a table gives; empty by default."""
         self.tasks = tuple((task, _is_scripted(task)) for task in tasks)
@@ -260,6 +262,18 @@ def _warn_of_end(recorded: object, duration: float) -> None:
         CableWarning,
         stacklevel=5,
     )
+
+
+def _warn_of_sign(joint: str, motion: Trajectory, task: TableTorque) -> None:
+    is_moment = task.column.endswith("_moment_nm")  # of OpenSim, no sign given
+    if isinstance(motion, Recorded) and is_moment and joint in motion.turned:
+        warnings.warn(
+            f"the motion of joint {joint!r} is turned to fit its range, but its torque "
+            f"{task.column!r} of {task.source} is not; {task.source}:{joint}=-COLUMN "
+            "turns it, too, and +COLUMN keeps it.",
+            CableWarning,
+            stacklevel=4,
+        )
 
 
 def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:

@@ -141,10 +141,10 @@ class Knobs:
 
 
 class Sliders:
-    """Knobs as additional controls of the model that a MuJoCo viewer shows.
+    """Knobs as sliders of the control panel of a MuJoCo viewer.
 
-    MuJoCo's viewer has a slider for the control of every actuator of a visible group.
-    The shown model is not simulated, so its controls can represent the knobs.
+    Each is the control of an actuator that only the shown model has, which is not
+    simulated.
     """
 
     def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:

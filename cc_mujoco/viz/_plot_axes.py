@@ -52,11 +52,11 @@ def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
 
 
 def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | None:
-    """Return limits (low, high) that ignore a transient in the first 0.3 s.
+    """Return limits (low, high) that leave out a larger transient in the first 0.3 s.
 
     A motor that starts away from the motion catches up at once, with perhaps many times
-    the torque of all that follows. The result is None if including the start of the
-    lines (T,) would not double the range.
+    the torque of all that follows. None if it does not double the range of the lines
+    (T,).
     """
     values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
     later = values[:, time - time[0] > 0.3]

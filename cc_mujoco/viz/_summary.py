@@ -107,11 +107,7 @@ def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
 def _tension_means(
     log: EpisodeLog, cable: str, every: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Return means over blocks of samples (blocks, nodes), and the highest tension [N].
-
-    A block has `every` samples. The tensions of all samples together would be the
-    largest array of a long episode.
-    """
+    """Return means over `every` samples (blocks, nodes), and the peak [N]."""
     means, highest = [], 0.0
     left: list[NDArray[np.float64]] = []
     for piece in log.pieces(f"tension_{cable}_nodes_n"):

@@ -52,11 +52,7 @@ time."""
 
 
 class Strips:
-    """Frames of a video except for the scene: plots with a moving time cursor.
-
-    The plots are drawn twice, opaque and faded. A frame has the opaque lines before its
-    time, the faded ones after it, and a vertical line between.
-    """
+    """Frames of a video without the scene: plots, faded to the right of a time."""
 
     def __init__(self, log: EpisodeLog, highest: float) -> None:
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])

@@ -394,7 +394,7 @@ def _without_repeats(points: Array) -> Array:
 
 
 def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
-    """Return plotly's camera: the model's direction, from where all of `seen` shows.
+    """Return plotly's camera along the model's first one, so far that `seen` shows.
 
     Plotly puts the middle of the box at 0 and divides by the geometric mean of its
     sides.

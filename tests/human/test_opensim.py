@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cc_mujoco.cli._play import Play
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import Recorded, task, trajectory
 from cc_mujoco.native import FloatArray as Array
+from cc_mujoco.simulation import simulate
 
 NOTE = (
     "Units are S.I. units (second, meters, Newtons, ...)\n"
@@ -48,11 +50,13 @@ def inverse_kinematics(folder: Path, rows: int = ROWS) -> Path:
     return write(folder / "ik.mot", f"{head}{NOTE}\nendheader\n", degrees)
 
 
-def add_biomechanics(folder: Path) -> Path:
+def add_biomechanics(folder: Path, sides: str = "r") -> Path:
     """Write the motion of AddBiomechanics, in radians, of the model Rajagopal2015."""
-    head = f"Coordinates\nversion=1\nnRows={ROWS}\nnColumns=4\ninDegrees=no\n\n"
-    angles = {"hip_flexion_r": HIP, "knee_angle_r": -KNEE, "ankle_angle_r": ANKLE}
-    return write(folder / "trial_ik.mot", f"{head}{NOTE}\nendheader\n", angles)
+    leg = {"hip_flexion": HIP, "knee_angle": -KNEE, "ankle_angle": ANKLE}
+    angles = {f"{name}_{side}": leg[name] for side in sides for name in leg}
+    head = f"Coordinates\nversion=1\nnRows={ROWS}\nnColumns={len(angles) + 1}\n"
+    head += f"inDegrees=no\n\n{NOTE}\nendheader\n"
+    return write(folder / "trial_ik.mot", head, angles)
 
 
 def moco(folder: Path, ending: str = "sto") -> Path:
@@ -137,6 +141,20 @@ def test_columns_and_side_are_chosen_by_text(tmp_path: Path) -> None:
         np.testing.assert_allclose(chosen["ankle"], ANKLE, atol=1e-7)
 
 
+def test_a_moment_whose_motion_is_turned_is_warned_of(tmp_path: Path) -> None:
+    motion = add_biomechanics(tmp_path, "rl")
+    columns = {"knee_angle_r_moment": HIP, "ankle_angle_r_moment": HIP}
+    moment = write(tmp_path / "id.sto", "inDegrees=no\nendheader\n", columns)
+    how: dict[str, Any] = {"trajectory": str(motion), "duration": 0.02}
+    with pytest.warns(CableWarning, match=r"'right_knee' is turned .* '-?knee_angle_r"):
+        simulate("bilateral", "none", task=f"right_knee={moment}", **how)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate("bilateral", "none", task=f"right_ankle={moment}", **how)
+        chosen = f"right_knee={moment}:right_knee=-knee_angle_r_moment"
+        simulate("bilateral", "none", task=chosen, **how)
+
+
 def test_a_column_without_a_unit_gets_one_by_its_choice(tmp_path: Path) -> None:
     path = write(
         tmp_path / "no.sto", "version=3\nendheader\n", {"ankle_angle_r": ANKLE}
@@ -216,6 +234,8 @@ def test_play_gives_each_table_the_columns_that_it_has(tmp_path: Path) -> None:
     assert names["task"] == f"{torque}:side=left;{chosen[1]}"
     plain = Play("ankle", trajectory=motion, task=torque, column=chosen[:1])._names()
     assert plain["task"] == torque
+    again = Play("ankle", trajectory=f"{motion}:side=left", column=chosen[:1])
+    assert again._names()["trajectory"] == names["trajectory"]
     with pytest.raises(CableError, match=r"JOINT=COLUMN with a column of .*, such as"):
         Play("ankle", trajectory=motion, column=("ankle=elbow",))._names()
     with pytest.raises(CableError, match="of a table, and none is given"):

@@ -8,6 +8,7 @@ the library and hardly shows in the error of all data: `worst_stretch` looks for
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import NormalDist
@@ -24,6 +25,7 @@ from cc_mujoco.diagnosis._fit.trials import extreme_condition
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
+    class_statement,
     describe_mode,
     effect_name,
     effect_names,
@@ -50,6 +52,7 @@ from cc_mujoco.diagnosis._verdict import (
     VerdictOdds,
 )
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._causes import CLASSES, CauseClass
 from cc_mujoco.diagnosis.effects._effect import Effect
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
@@ -474,7 +477,11 @@ def judge(found: Found) -> Diagnosis:
     stretch = worst_stretch(problem, x, found.held.after)
     unhooked = {r.trial for r in plant.records if r.unhooked} & set(found.misfits)
     most = max((found.misfits[name] for name in unhooked), default=0.0)
-    kind, statement = verdict_of(found, beyond, stretch, most)
+    said = [*found.missing, *(name for tie in found.ties for name in tie)]
+    said += [each.parameter for each in beyond]
+    classes = cause_classes([*said, *problem.names])
+    stated = [each for each in classes if each.name in said]
+    kind, statement = verdict_of(found, beyond, stretch, most, stated)
     statement += declared_sentence(plant.library.declared)
     left = fitting.floor_ratios(found.held.gap)[1]
     belief = None
@@ -519,6 +526,7 @@ def judge(found: Found) -> Diagnosis:
         runner_ups=tuple(tuple(map(_runner_up, r.candidates)) for r in search.rounds),
         question=question,
         deviating=beyond,
+        classes=classes,
         confounded=hidden,
         remaining=left,
         instruments=describe_mode(
@@ -543,6 +551,15 @@ def one_time(stretch: Stretch | None, by_trial: str) -> bool:
     return alone or bool(by_trial)
 
 
+def cause_classes(names: Sequence[str]) -> tuple[CauseClass, ...]:
+    """Return the classes of effects, tied ones included, and of tuned parameters."""
+    known = [CLASSES[name] for name in dict.fromkeys(names) if name in CLASSES]
+    shared = Counter(each.causes for each in CLASSES.values())
+    here = Counter(each.causes for each in known)
+    found = {e.causes: e for e in known if shared[e.causes] == here[e.causes]}
+    return tuple(found.values())
+
+
 def declared_sentence(declared: Mapping[str, str]) -> str:
     facts = [f"{effect_name(name)} ({fact})" for name, fact in declared.items()]
     return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
@@ -553,18 +570,20 @@ def verdict_of(
     deviating: Sequence[Deviating] = (),
     stretch: Stretch | None = None,
     unhooked: float = 0.0,
+    classes: Sequence[CauseClass] = (),
 ) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences.
 
     `deviating` are parameters far beyond their priors, `stretch` exceeds its limit,
-    `unhooked` is the largest error over noise of trials with the cables off.
+    `unhooked` is the largest error over noise of trials with the cables off. `classes`
+    are those of what is named or deviates.
     """
     if found.effects:
         kind, statement = _verdict(found, stretch, unhooked)
     else:
         kind, statement = _no_effect_verdict(found.search.before, found, stretch)
     also = (capitalise(each.statement) for each in deviating)
-    return kind, " ".join([statement, *also])
+    return kind, " ".join([statement, *also, *map(class_statement, classes)])
 
 
 def _verdict(
@@ -609,9 +628,6 @@ def _verdict(
             f"noise floor.{_HINT_CAVEAT}"
         )
     tied = {name for tie in found.ties for name in tie}
-    for name in sorted({*missing, *tied}):
-        if name in EFFECTS and EFFECTS[name].other_cause:
-            model += f" {capitalise(effect_name(name))}: {EFFECTS[name].other_cause}"
     if tied:
         sure = [name for name in missing if name not in tied]
         groups = [effect_names(sure)] if sure else []
@@ -751,8 +767,9 @@ def belief_in_verdict(
 ) -> VerdictOdds:
     """Return the probability that a verdict is right, and its alternatives.
 
-    A named effect is right if it acts, a tie if one of its effects does. Each of `ties`
-    has the effect in the model first; `left` is the model's error over the noise.
+    A named effect is right if it, or another cause of its class, acts; a tie if one of
+    its effects does. Each of `ties` has the effect in the model first; `left` is the
+    model's error over the noise.
     """
     reliable, most = STUDIED[kind]
     if left > most:
@@ -784,7 +801,8 @@ def belief_in_verdict(
         shares = probabilities(_alternatives(found, step, leader, group))
         whole *= shares.pop("")
         others += [Alternative(name, reliable * each) for name, each in shares.items()]
-    return _worded(kind, whole, others, left)
+    acts = "one of its causes" if cause_classes(missing) else "this"
+    return _worded(kind, whole, others, left, acts)
 
 
 def _alternatives(
@@ -811,7 +829,11 @@ def _alternatives(
 
 
 def _worded(
-    kind: Verdict, probability: float, others: Sequence[Alternative], left: float
+    kind: Verdict,
+    probability: float,
+    others: Sequence[Alternative],
+    left: float,
+    acts: str = "this",
 ) -> VerdictOdds:
     shown = [each for each in others if each.probability >= Limit.min_shown]
     shown = sorted(shown, key=lambda each: -each.probability)[:3]
@@ -826,7 +848,7 @@ def _worded(
     complete = not left > Limit.max_explained_error
     subject = "one of the tied effects acts"
     if kind == "named":
-        subject = "this and nothing else is missing" if complete else "this is missing"
+        subject = f"{acts}{' and nothing else' if complete else ''} is missing"
     statement = f"The odds are {format_odds(probability)} that {subject}"
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"

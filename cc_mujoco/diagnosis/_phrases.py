@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from cc_mujoco.datasets._trials import Instruments
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._causes import CauseClass
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import list_words
 
@@ -53,6 +54,11 @@ def effect_name(effect: str) -> str:
 def effect_names(effects: Iterable[str], last: str = "and") -> str:
     """Return the titles of several effects as a list in a sentence."""
     return list_words(map(effect_name, effects), last)
+
+
+def class_statement(each: CauseClass) -> str:
+    causes = f"{capitalise(effect_name(each.name))}: {list_words(each.causes, 'or')}"
+    return f"{causes}. Torques do not tell them apart; what does: {each.separated_by}."
 
 
 def plain_name(name: str) -> str:

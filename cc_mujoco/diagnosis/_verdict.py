@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco.diagnosis.effects._causes import CauseClass
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray
 
@@ -343,6 +344,8 @@ class Diagnosis:
     """Question about a trial that contradicts the others, or empty."""
     deviating: tuple[Deviating, ...] = ()
     """Parameters that had to be tuned beyond their priors."""
+    classes: tuple[CauseClass, ...] = ()
+    """Physical causes that torques do not tell apart, of what is named or deviates."""
     confounded: tuple[Confounded, ...] = ()
     """Effects that tuning would hide."""
     remaining: float = math.nan

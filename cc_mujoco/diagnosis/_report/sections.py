@@ -17,6 +17,7 @@ from cc_mujoco.diagnosis._phrases import (
     VERDICT_MEANINGS,
     capitalise,
     channel_name,
+    class_statement,
     continue_command,
     effect_name,
     effect_names,
@@ -508,6 +509,9 @@ def parameters(diagnosis: Diagnosis) -> Html | None:
     if baseline.not_identifiable:
         title = element("h3", "What the data do not determine")
         parts += [title, bullet_list(baseline.not_identifiable)]
+    if diagnosis.classes:
+        title = element("h3", "Causes that look alike")
+        parts += [title, bullet_list(map(class_statement, diagnosis.classes))]
     return join_pieces(parts) if parts else None
 
 

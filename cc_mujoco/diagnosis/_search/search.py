@@ -475,8 +475,9 @@ def _drop_doubtful(
 ) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
     """Return the final model, its parameters, spread and held-out predictions.
 
-    Effects whose interval contains 0 go, the one whose removal costs least first. All
-    go if held-out data do not support them.
+    Effects whose interval contains 0 go, the one whose removal costs least first; of
+    intervals that are wide by disagreement only, where not every trial needs it. All go
+    if held-out data do not support them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -486,26 +487,39 @@ def _drop_doubtful(
     while problem.effects:
         x = fitting.fit_until_settled(problem, start, counts).x
         least = intervals.noise_covariance(problem, x, counts)
-        idle = intervals.doubtful_effects(problem, x, *least)
+        idle, wide = intervals.doubtful_effects(problem, x, *least), None
         if not idle:
             wide = intervals.fit_covariance(problem, x, counts)
             idle = intervals.doubtful_effects(problem, x, *wide)
-        if not idle:
+        slimmer = []
+        for name in idle:
+            slim = problem.without(name).sharing([c.problem for c in found.known])
+            left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
+            fitted = fitting.fit(slim, left, counts)
+            # Trials may disagree about a size that a tuned parameter can replace, and
+            # all need it.
+            if wide is None or not _needed(problem, x, slim, fitted.x):
+                slimmer.append((slim, fitted))
+        if wide is not None and not slimmer:
             progress(0.86, "predicting trials that were held out")
             held = holding.out(problem, x)
             if held is None:
                 break
             return problem, x, wide, held
-        slimmer = []
-        for name in idle:
-            slim = problem.without(name).sharing([c.problem for c in found.known])
-            left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
-            slimmer.append((slim, fitting.fit(slim, left, counts)))
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     x = fitting.fit_until_settled(baseline, home, counts).x
     held = holding.out(baseline, x)
     assert held is not None
     return baseline, x, intervals.fit_covariance(baseline, x, counts), held
+
+
+def _needed(
+    problem: Problem, x: FloatArray, slim: Problem, without: FloatArray
+) -> bool:
+    """Return whether every trial errs more in the model `slim`, fitted at `without`."""
+    more, less = trials.misfits(slim, without), trials.misfits(problem, x)
+    share = 1.0 + Limit.form_error_share
+    return all(more[name] > share * size for name, size in less.items())
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:

@@ -288,13 +288,6 @@ CABLE_EFFECTS = (
         confounded_with=("end_compliance", "presliding"),
         source="constructional stretch of ropes, as their makers give it",
         cables=_stiffening,
-        other_cause=(
-            "Strands that settle do so, and so does clearance: slack cable lies at the "
-            "outer wall of a bend, taut cable at the inner one. Photographs of a bend, "
-            "slack and taut, tell which, or the trials again with the conduit laid "
-            "straighter, with which clearance vanishes. Both shrink with more "
-            "pretension, backlash does not."
-        ),
     ),
     Effect(
         id="end_compliance",

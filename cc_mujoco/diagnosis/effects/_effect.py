@@ -240,8 +240,6 @@ class Effect:
     forms: tuple[str, ...] = ()
     # Why sizes are not plausible together, after "fits only with"; "" if they are
     implausible: Callable[[Values], str] | None = None
-    # Sentences on another cause of the same torques, and what tells it apart
-    other_cause: str = ""
 
     def __post_init__(self) -> None:
         typical = {parameter.name: parameter.typical for parameter in self.parameters}

@@ -65,6 +65,8 @@ class Plant(NamedTuple):
     anchor: float = 0.0  # compliance of the anchorage at the joint, one cable [m/N]
     textile: float = 0.0  # compliance of slack textile between cables and joint [m/N]
     gap: float = 0.0  # room of the cables across their rings [m]
+    opening: float = 0.0
+    """Relative wrap that the middle bends lose per mean tension over the reference."""
 
     # --- what no library should know ----------------------------------------------
     notches: float = 0.0  # force of a notched ring near the middle of cable a [N]
@@ -181,6 +183,9 @@ def _held(
     bend = p.bend[c, i]
     if p.flexing != 0.0 and i >= guides - guides // 3:
         bend += p.flexing * math.sin(joint) / (guides // 3)
+    if p.opening != 0.0 and guides // 3 <= i < guides - guides // 3:
+        mean = total(cables.tension[c]) / (guides + 1)
+        bend *= 1.0 - p.opening * (mean / TENSION - 1.0)
     dry = 0.5 * p.wiper if i == 1 or i == guides - 2 else 0.0
     return 2.0 * math.tanh(0.5 * p.friction[c] * factor * max(bend, 0.0)), dry
 

@@ -94,6 +94,15 @@ def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
     assert not one_time(None, "")
 
 
+@pytest.mark.parametrize("left", [1.0, 3.0])
+def test_odds_of_an_effect_are_those_of_its_class(left: float) -> None:
+    nothing: Any = SimpleNamespace(rounds=())
+    only = " and nothing else" if left < Limit.max_explained_error else ""
+    for name, acts in (("backlash", "this"), ("end_compliance", "one of its causes")):
+        found = belief_in_verdict(nothing, "named", [name], [], left)
+        assert f"that {acts}{only} is missing" in found.statement
+
+
 @pytest.mark.parametrize("kind", STUDIED)
 @pytest.mark.parametrize("factor", [0.99, 1.01, 50.0])
 def test_no_rate_is_given_beyond_what_study_rigs_left(

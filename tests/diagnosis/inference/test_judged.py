@@ -11,11 +11,15 @@ from typing import Any
 import pytest
 
 from cc_mujoco.diagnosis import _judge as verdict_rules
-from cc_mujoco.diagnosis._judge import Stretch, verdict_of
+from cc_mujoco.diagnosis._judge import Stretch, cause_classes, verdict_of
+from cc_mujoco.diagnosis._phrases import class_statement
+from cc_mujoco.diagnosis._rig.simulation import BASELINE
 from cc_mujoco.diagnosis._search.candidates import Round
 from cc_mujoco.diagnosis._search.search import Found, only_refines
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Deviating, FoundEffect, Gap
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._causes import CLASSES
 from cc_mujoco.estimation import Estimate
 
 GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
@@ -100,11 +104,27 @@ def test_a_cable_that_stiffens_may_be_one_with_clearance() -> None:
     name = "cable_stiffening"
     for rivals in ((name,), ("end_compliance", name)):
         found = outcome(rivals[:1], CLOSED, (rivals,) if len(rivals) > 1 else ())
-        said = verdict(search(3.0, 1.0), found)[1]
-        assert "so does clearance" in said and "Photographs of a bend" in said
-        assert "shrink with more pretension, backlash does not" in said
-    plain = verdict(search(3.0, 1.0), outcome(("end_compliance",), CLOSED))[1]
-    assert "clearance" not in plain
+        classes = cause_classes(rivals)
+        said = verdict(search(3.0, 1.0), found, classes=classes)[1]
+        assert "strands that settle or clearance" in said
+        assert "photographs of a bend, slack and taut" in said
+    assert "clearance" not in class_statement(*cause_classes(rivals[:1]))
+
+
+def test_a_late_sensor_is_drag_only_where_the_data_do_not_decide() -> None:
+    one, other = "sensor_delay", "load_independent_friction"
+    assert cause_classes([one]) == cause_classes([other]) == ()
+    tied = cause_classes([one, other])
+    assert [each.name for each in tied] == [other]
+    found = outcome((one,), CLOSED, ((one, other),))
+    said = verdict(search(3.0, 1.0), found, classes=tied)[1]
+    assert said.count("half the speed") == 1
+
+
+def test_every_class_is_of_an_effect_or_of_what_is_tuned() -> None:
+    for name, each in CLASSES.items():
+        assert name in EFFECTS or name in BASELINE
+        assert len(each.causes) > 1 and each.separated_by[0].islower()
 
 
 def test_of_two_rivals_that_were_added_either_may_be_the_one_that_stayed() -> None:

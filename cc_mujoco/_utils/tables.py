@@ -117,7 +117,7 @@ def _readable(path: Path) -> Iterator[None]:
 def quantity_column(
     path: Path, names: Sequence[str], name: str, measured: Kind
 ) -> Column:
-    """Return the column of a quantity `angle_rad`, also as `Angle [deg]`."""
+    """Return the column of a quantity, as `angle_rad`, in any unit (`Angle [deg]`)."""
     stem = name.rpartition("_")[0]
     found = {}
     for other in names:

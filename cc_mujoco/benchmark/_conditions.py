@@ -83,7 +83,7 @@ class Condition:
     delay: tuple[int, int] = (1, 2)  # least and most, of measurements [control steps]
     noise: float = 1.0  # of all sensors and their biases, over the device's
     moving_route: bool = False  # true if the conduit bends as the leg moves
-    structure: str = ""  # effect unknown to the controller, see `_plant`
+    structure: str = ""  # effect of the plant, unknown to the controller; see `_plant`
     known: bool = False  # true if its model has that effect, too; of a cable alone
     duration: float = 4.0  # length of an episode [s]
 

@@ -385,10 +385,10 @@ def fit_profile(
 
     The latest peak depends on the shortest fall; the longest fall and the latest onset
     depend on the peak. A draw from the full range of a variable is mapped to the same
-    fraction of the possible range, so that every design is possible and limits are no
-    diagonals of two variables. `ranges` has low end, high end and whether logarithmic
-    of each drawn variable. The profile has to end within the shortest stance of all
-    `cases`.
+    fraction of the possible range, so that every design is possible and the longest
+    fall is at the end of its range. `ranges` has low end, high end and whether
+    logarithmic of each drawn variable. The profile has to end within the shortest
+    stance of all `cases`.
     """
     found = dict(design)
     if not any(name in design for name in PROFILE):

@@ -241,7 +241,7 @@ def _slopes_table(found: Around) -> pa.Table:
 
 
 def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
-    """Return the Sobol indices of all metrics, one per row; exact ones err by 0."""
+    """Return the Sobol indices of all metrics, one per row; `error` is 0 if exact."""
     rows = []
     for one in found:
         about = {"metric": one.metric, "how": one.how}

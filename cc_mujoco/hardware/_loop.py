@@ -121,7 +121,7 @@ class RunOutcome:
     without_reading: int = 0  # cycles in which one axis or more had no new reading
     ignored: Counter[str] = field(default_factory=Counter)  # unused packets, by reason
     late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings
-    work: TimeHistogram = field(default_factory=TimeHistogram)  # until a command's end
+    work: TimeHistogram = field(default_factory=TimeHistogram)  # until commands left
 
     def to_json(self) -> dict[str, Any]:
         return {

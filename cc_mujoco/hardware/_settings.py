@@ -197,7 +197,9 @@ def _axis(
         limits.stop_steps(period)
     rig, dog, task, servo = map(top.table, ("rig", "watchdog", "task", "servo"))
     _numbers(servo, Stiffness)  # refuses what it cannot have
-    _check_rig(rig)
+    if (rig.text("class") is None) == (rig.text("address") is None):
+        raise CableError(f"{rig.where} needs either `address` or `class`.")
+    address_of(rig)  # refuses what it cannot be
     watchdog = _construct(Watchdog, dog, _numbers(dog, Watchdog))
     _check_task(task)
     return Settings(path, scene, period, rig, limits, watchdog, task, servo, lag, name)
@@ -222,13 +224,6 @@ def _limits(table: Table) -> Limits:
         raise table.wrong("joint_range", "two angles in rad, [least, greatest]")
     given = _numbers(table, Limits, "joint_range")
     return _construct(Limits, table, {**given, "joint_range": tuple(ends)})
-
-
-def _check_rig(table: Table) -> None:
-    own, address = table.text("class"), table.text("address")
-    if (own is None) == (address is None):
-        raise CableError(f"{table.where} needs either `address` or `class`.")
-    address_of(table)  # refuses what it cannot be
 
 
 def _check_task(table: Table) -> None:

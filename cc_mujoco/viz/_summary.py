@@ -108,6 +108,7 @@ def _tension_means(
     log: EpisodeLog, cable: str, every: int
 ) -> tuple[NDArray[np.float64], float]:
     """Return means over `every` samples (blocks, nodes), and the peak [N]."""
+    # In parts, as all samples would be the largest array of a long episode.
     means, highest = [], 0.0
     left: list[NDArray[np.float64]] = []
     for piece in log.pieces(f"tension_{cable}_nodes_n"):

@@ -2,6 +2,7 @@ from ._checks.content import excitation as excitation
 from ._diagnose import diagnose as diagnose
 from ._diagnose import infer as infer
 from ._diagnose import run_inference as run_inference
+from ._diagnose import with_proposal as with_proposal
 from ._fit.fit import BaselineFit as BaselineFit
 from ._fit.fit import Options as Options
 from ._fit.fit import fit_baseline as fit_baseline
@@ -19,7 +20,6 @@ from ._fit.problem import trial_folds as trial_folds
 from ._learn.curves import LearnedCurve as LearnedCurve
 from ._loading import load as load
 from ._propose.experiment import MOTION_STEP as MOTION_STEP
-from ._propose.experiment import catalogue as catalogue
 from ._propose.planning import plan as plan
 from ._report.output import DiagnosisResult as DiagnosisResult
 from ._rig.records import Filtering as Filtering

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -18,6 +18,9 @@ from cc_mujoco._utils.command_options import (
     progress_options,
 )
 from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco.diagnosis._verdict import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -88,11 +91,6 @@ class Diagnose:
         from tqdm import tqdm
 
         from cc_mujoco.diagnosis._diagnose import diagnose
-        from cc_mujoco.diagnosis._phrases import (
-            NO_SCENE_PREFIX,
-            NOT_IN_SCENE_PREFIX,
-            continue_command,
-        )
 
         with tqdm(
             total=1.0,
@@ -105,6 +103,11 @@ class Diagnose:
                 bar.set_description_str(doing, refresh=False)
                 bar.update(max(share - bar.n, 0.0))
 
+            def show(reported: Diagnosis) -> None:
+                bar.update(1.0 - bar.n)
+                bar.close()
+                self._show(reported)
+
             found = diagnose(
                 scene,
                 data,
@@ -115,8 +118,13 @@ class Diagnose:
                 seed=self.seed,
                 effects=effects,
                 progress=show_progress,
+                reported=show,
             )
-            bar.update(1.0 - bar.n)
+        self._show_proposal(found)
+
+    def _show(self, found: Diagnosis) -> None:
+        from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX
+
         report = self.out / "report.html"
         if found.verdict in ("fix-data", "fix-numerics"):
             raise CableError(f"{found.verdict}: {found.statement} See {report}.")
@@ -136,11 +144,16 @@ class Diagnose:
                 print(f"  noticed: {problem}")
         for tie in found.ties:
             print(f"  cannot distinguish: {', '.join(tie)}")
+        print(f"report:   {report}", flush=True)
+
+    def _show_proposal(self, found: Diagnosis) -> None:
+        from cc_mujoco.diagnosis._phrases import NO_TRIAL, continue_command
+
         if found.next_experiment is not None:
             planned = found.next_experiment
             print(f"  to separate them: {planned.description}")
-            folder = self.out / planned.folder
-            print(f"  record it as {planned.trial} (`cc-mujoco run --plan {folder}`),")
+            folder, names = self.out / planned.folder, ", ".join(planned.trials)
+            print(f"  record as {names} (`cc-mujoco run --plan {folder}`),")
             if found.occasions:
                 last = found.occasions.names[-1]
                 print(
@@ -148,9 +161,11 @@ class Diagnose:
                 )
                 print(f"  by that of {folder}, and run this again")
             else:
-                trial = f"{planned.trial}.csv"
-                print(f"  then: {continue_command(trial, str(self.out), 'NEW_FOLDER')}")
-        print(f"report:   {report}")
+                trials = " ".join(f"{trial}.csv" for trial in planned.trials)
+                again = continue_command(trials, str(self.out), "NEW_FOLDER")
+                print(f"  then: {again}")
+        elif NO_TRIAL in found.statement:
+            print(f"  {NO_TRIAL}{found.statement.partition(NO_TRIAL)[2]}")
 
     def _plan(self) -> None:
         scene, data = _scene_and_data(self.words)

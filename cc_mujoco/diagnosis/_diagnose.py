@@ -1,15 +1,17 @@
 """Workflow of a diagnosis: from a scene and data to verdict, report and repair.
 
-Six steps follow each other: `fit_scene`, `search_effects`, `judge`, `propose`,
-`locate_error` and `learn_residual`. Each is one function, whose result holds all that
-the next ones need; the last three complete the diagnosis of `judge`.
+Six steps follow each other: `fit_scene`, `search_effects`, `judge`, `locate_error`,
+`learn_residual` and `propose`. Each is one function, whose result holds all that the
+next ones need; the last three complete the diagnosis of `judge`. The report is written
+before a trial is proposed, and again with it.
 """
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +30,12 @@ from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._locate import locate_error
 from cc_mujoco.diagnosis._partial.loss import diagnose_loss
 from cc_mujoco.diagnosis._partial.motion import diagnose_motion
-from cc_mujoco.diagnosis._phrases import DATA_PREFIX, Progress, no_progress
+from cc_mujoco.diagnosis._phrases import (
+    DATA_PREFIX,
+    PROPOSAL_FOLLOWS,
+    Progress,
+    no_progress,
+)
 from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report import output
 from cc_mujoco.diagnosis._report.output import DiagnosisResult
@@ -51,6 +58,7 @@ def diagnose(
     seed: int = 0,
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
+    reported: Callable[[Diagnosis], object] = lambda _: None,
 ) -> Diagnosis:
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
@@ -69,6 +77,9 @@ def diagnose(
         effects: effects to consider besides the usual ones: classes of your own,
             `FILE.py:CLASS`, `MODULE:CLASS`, or ids of rare effects of the library.
         progress: called with the share done and the present step.
+        reported: called with the diagnosis once all is written; only the trial that
+            would separate a tie follows, and is added to what is written. An
+            interrupt until then leaves it out.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file, a
@@ -88,9 +99,23 @@ def diagnose(
         output.require_ours(Path(out), bench.path, given)
         output.preload_drawing()
         known: Any = {"dataset_toml": dataset_toml, "seed": seed, "progress": progress}
-        result, dataset = infer(bench, given, effects=requested, **known)
+        known |= {"effects": requested, "proposing": False}
+        result, dataset = infer(bench, given, **known)
         names = [name for name in effects if isinstance(name, str)]
-        return output.write(result, dataset, Path(out), command, seed, names)
+        begun, statement = result.diagnosis, result.diagnosis.statement
+        tied = result.found is not None and bool(result.found.ties)
+        if tied:
+            begun = replace(begun, statement=f"{statement} {PROPOSAL_FOLLOWS}")
+        result = replace(result, diagnosis=begun)
+        found = output.write(result, dataset, Path(out), command, seed, names)
+        reported(found)
+        if tied:
+            with suppress(KeyboardInterrupt):  # what is written stays
+                judged = replace(found, statement=statement)
+                result = with_proposal(replace(result, diagnosis=judged))
+                output.add_proposal(result, dataset, Path(out))
+                return result.diagnosis
+        return found
 
 
 def infer(
@@ -101,10 +126,12 @@ def infer(
     seed: int = 0,
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
+    proposing: bool = True,
 ) -> tuple[DiagnosisResult, Dataset]:
     """Diagnose as `diagnose` does, with the bench of the scene, and write no files.
 
-    Return the result and the dataset that was read.
+    Return the result and the dataset that was read. Without `proposing` no trial is
+    designed that would separate a tie; `with_proposal` does that.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
@@ -158,7 +185,8 @@ def infer(
             question=" ".join([*doubts, found.question]).strip(),
             problems=(*found.problems, *notes),
         )
-        return replace(result, diagnosis=diagnosis), dataset
+        result = replace(result, diagnosis=diagnosis)
+        return with_proposal(result) if proposing else result, dataset
 
 
 def run_inference(
@@ -167,14 +195,13 @@ def run_inference(
     settings: Options = Options(),  # noqa: B008
     progress: Progress = no_progress,
 ) -> DiagnosisResult:
-    """Return the diagnosis of trials in which `_loading.load` finds no error."""
+    """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     fitted = fit_scene(dataset, bench, settings, progress)
     if isinstance(fitted, Diagnosis):
         return DiagnosisResult(fitted, bench)
     found = search_effects(fitted, progress)
-    diagnosis, motion = propose(found, judge(found))
-    diagnosis, evidence = locate_error(found, diagnosis)
+    diagnosis, evidence = locate_error(found, judge(found))
     diagnosis, problem, x = learn_residual(found, diagnosis)
     progress(0.95, "writing it down")
     baseline = fitted.problem
@@ -182,7 +209,16 @@ def run_inference(
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
     diagnosis = replace(diagnosis, baseline=Baseline(values, open_ones))
-    return DiagnosisResult(diagnosis, bench, evidence, problem, x, fitted, motion)
+    return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
+
+
+def with_proposal(result: DiagnosisResult) -> DiagnosisResult:
+    """Return the result with the trials that would separate its first tie, if any."""
+    if result.found is None or not result.found.ties:
+        return result
+    with single_threaded_blas():
+        diagnosis, motions = propose(result.found, result.diagnosis)
+    return replace(result, diagnosis=diagnosis, motions=motions)
 
 
 def _paths(

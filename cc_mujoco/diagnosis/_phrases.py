@@ -76,6 +76,10 @@ def capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+PROPOSAL_FOLLOWS = "The trial that would separate them is worked out next."
+NO_TRIAL = "No trial within the limits of the data"
+
+
 def continue_command(trials: str, folder: str, out: str) -> str:
     """Return the command that repeats the diagnosis in `folder` with more trials."""
     return f"cc-mujoco diagnose {trials} --continue {folder} --out {out}"

@@ -292,7 +292,13 @@ class Limit:
 
     # Proposed trials.
     decisive_sigmas = 5.0  # Difference, over noise and form, that settles a tie
-    min_motion_correlation = 0.9  # with a motion from which on a trial is one of it
+    searched_trials = 2  # Kinds of trials whose settings are searched
+    min_gain = 1.05  # Squared separation per second from which a setting is changed
+    setting_steps = (
+        2.0,
+        2.0,
+        1.4,
+    )  # Factors by which a search changes one setting at a time
     default_torque_noise = 0.005  # where none is declared, over the RMS
     default_angle_noise = 1e-4  # where none is declared [rad]
     max_slack = 0.05  # Share of a trial in which a lone cable may be slack

@@ -77,7 +77,7 @@ class Evidence:
     )
 
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
@@ -158,13 +158,13 @@ class NextExperiment:
     description: str  # what to do on the rig
     separates: tuple[str, ...]  # ids of the rivals
     predicted_difference: str  # of their predictions, with numbers and units
-    trial: str = ""  # name for the recording
-    facts: tuple[str, ...] = ()  # lines of `dataset.toml` for it
+    trials: tuple[str, ...] = ()  # names for the recordings, usually one
+    facts: tuple[str, ...] = ()  # lines of `dataset.toml` for them
 
     @property
     def folder(self) -> str:
         """Name of the folder of its files, inside that of the diagnosis."""
-        return f"next_{self.trial}"
+        return f"next_{self.trials[0]}"
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ from cc_mujoco.diagnosis import (
     overall_share,
     run_inference,
     screen,
+    with_proposal,
 )
 from cc_mujoco.diagnosis._fit.problem import floor_ratios
 from cc_mujoco.diagnosis._learn.residual import described
@@ -157,32 +158,33 @@ def loop(
         begin = time.perf_counter()
         if search:
             dataset, _ = load([place], None, bench)
-            result = run_inference(dataset, bench, Options(search))
+            result = with_proposal(run_inference(dataset, bench, Options(search)))
         else:
             result, _ = infer(bench, [place], effects=ids)
         spent = time.perf_counter() - begin
-        planned, motion = result.diagnosis.next_experiment, result.motion
+        planned = result.diagnosis.next_experiment
         steps.append(Step(result, planned.description if planned else "", spent))
-        if planned is None or motion is None or len(steps) > proposals:
+        if planned is None or len(steps) > proposals:
             return steps
         plan = folder / planned.folder
-        write_proposed(plan, planned, motion, str(place / "dataset.toml"))
-        trial, cell, facts = planned_trial(plan)
-        names = (*BASIC, CELLS[cell]) if cell else BASIC
-        (more,) = clean_dataset(rig, amounts, [trial], rig.seed, names)
-        key = [rig.seed, rig.seed, len(data)]
-        columns = logged(more, MAKES[rig.make].chain_of(rig), names, key)
-        if cell:
-            columns[cell] = columns.pop(f"{CELLS[cell]}_n")
-        data.append(columns)
+        write_proposed(plan, planned, result.motions, str(place / "dataset.toml"))
+        trials, facts = planned_trials(plan)
+        for trial, cell in trials:
+            names = (*BASIC, CELLS[cell]) if cell else BASIC
+            (more,) = clean_dataset(rig, amounts, [trial], rig.seed, names)
+            key = [rig.seed, rig.seed, len(data)]
+            columns = logged(more, MAKES[rig.make].chain_of(rig), names, key)
+            if cell:
+                columns[cell] = columns.pop(f"{CELLS[cell]}_n")
+            data.append(columns)
 
 
-def planned_trial(plan: Path) -> tuple[Trial, str, str]:
-    """Return the trial of a folder `next_trial_NN`, its load cell, and its facts."""
-    (planned,) = read_plan(plan)
+def planned_trials(plan: Path) -> tuple[list[tuple[Trial, str]], str]:
+    """Return the trials of a folder `next_trial_NN` with load cells, and its facts."""
     text = (plan / "dataset.toml").read_text(encoding="utf-8")
-    known = tomllib.loads(text)["trials"][planned.name]
-    return trial_of(planned, known), known.get("load_cell", ""), text
+    known = tomllib.loads(text)["trials"]
+    every = [(planned, known[planned.name]) for planned in read_plan(plan)]
+    return [(trial_of(*each), each[1].get("load_cell", "")) for each in every], text
 
 
 def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
@@ -234,7 +236,8 @@ def run(
     with tempfile.TemporaryDirectory() as folder:
         steps = loop(rig, amounts, data, facts, Path(folder), proposals, ids, search)
     first, truth = steps[0], truth_of(rig)
-    fitted, found = first.result.baseline_fit, first.diagnosis
+    searched, found = first.result.found, first.diagnosis
+    fitted = searched.fitted if searched else None
     beliefs = [step.diagnosis.belief for step in steps]
     record = {
         **case._asdict(),
@@ -372,8 +375,8 @@ def is_alone(record: Record) -> bool:
 def end_of(record: Record) -> str:
     """Return the end of a loop: its verdict, "undecidable" or "open".
 
-    A tie is undecidable if no trial of the catalogue would settle it, and open if one
-    more is proposed than may be recorded.
+    A tie is undecidable if no trial would settle it, and open if one more is proposed
+    than may be recorded.
     """
     last = record["steps"][-1]
     if last["verdict"] != "tie" and not last["ties"]:

@@ -132,6 +132,7 @@ _EXPERIMENT = NextExperiment(
     "Move the joint slowly, at 0.05 rad/s, for one minute, with and without 2 kg.",
     ("stribeck_friction", "presliding"),
     "0.12 N m RMS of joint torque, four times the noise.",
+    ("trial_09",),
 )
 _LEARNED = Learned(
     "Learned from the error: a curve of the joint torque over the joint angle.",

@@ -125,18 +125,18 @@ def test_a_proposed_trial_is_played_and_continued(
     still = np.zeros(200)
     motion = CataloguedTrial("cables off", still, still, 0.0, tilt=1.5)
     facts = tuple(trial_table("trial_03", motion, 0.0))
-    planned = NextExperiment("cables off", ("a", "b"), "", "trial_03", facts)
+    planned = NextExperiment("cables off", ("a", "b"), "", ("trial_03",), facts)
     known = tmp_path / "dataset.toml"
     known.write_text("[trials.a]\npretension = 9\n", encoding="utf-8")
     folder = diagnosed / planned.folder
-    write_proposed(folder, planned, motion, str(known))
+    write_proposed(folder, planned, [motion], str(known))
     (trial,) = read_plan(folder)
     assert (trial.name, trial.notes) == ("trial_03", "cables off")
     told = read_dataset_file(folder / "dataset.toml").facts
     assert told["a"] == {"pretension": 9.0}
     assert told["trial_03"] == {"unhooked": True, "tilt": 1.5, "notes": "cables off"}
     verdict = json.loads((diagnosed / VERDICT_FILE).read_text(encoding="utf-8"))
-    verdict["next_experiment"] = {"trial": "trial_03"}
+    verdict["next_experiment"] = {"trials": ["trial_03"]}
     empty = hashlib.sha256(known.read_bytes()).hexdigest()
     verdict["provenance"]["dataset"]["sha256"] = empty
     (diagnosed / VERDICT_FILE).write_text(json.dumps(verdict), encoding="utf-8")

@@ -15,7 +15,14 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._torques import expected_instruments
 from cc_mujoco.diagnosis import MOTION_STEP, plan
-from cc_mujoco.diagnosis._propose.experiment import middle_angle, motions
+from cc_mujoco.diagnosis._propose.experiment import (
+    LEAST,
+    MOST,
+    USUAL,
+    TrialSettings,
+    middle_angle,
+    motions,
+)
 from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, TrialPlan, planned
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
@@ -101,15 +108,18 @@ def test_files_are_what_the_page_says(made: tuple[TrialPlan, Path]) -> None:
     assert "If the rig cannot be turned" in page
 
 
-def test_motions_stay_within_the_limits_and_have_no_jumps() -> None:
+@pytest.mark.parametrize("settings", [USUAL, LEAST, MOST])
+@pytest.mark.parametrize("fastest", [SPEED, 0.3])
+def test_motions_stay_within_the_limits_and_have_no_jumps(
+    settings: TrialSettings, fastest: float
+) -> None:
     bench = Bench.of(scene_path("bench"))
-    for motion in motions(bench, REACH, SPEED):
-        factors = {"twice": 2.0, "four times": 4.0}
-        times = [f for words, f in factors.items() if words in motion.description]
-        reach = REACH * max(times, default=1.0)
+    for motion in motions(bench, REACH, fastest, settings=settings):
+        beyond = "times the range" in motion.description
+        reach = REACH * settings.size * (4.0 if beyond else 1.0)
         assert np.max(np.abs(motion.motor)) <= reach * (1.0 + 1e-9)
         speed = np.abs(np.diff(motion.motor)) / MOTION_STEP
-        assert np.max(speed) <= SPEED * 1.01, motion.description
+        assert np.max(speed) <= fastest * 1.01, motion.description
         if motion.pretension == 0.0:
             continue
         taut = tuple(

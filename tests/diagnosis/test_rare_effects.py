@@ -17,6 +17,7 @@ from cc_mujoco.diagnosis import (
     plant_of,
     prepare,
     run_inference,
+    with_proposal,
 )
 from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._fit.intervals import implausibility
@@ -143,7 +144,8 @@ def test_what_motions_cannot_separate_is_a_tie_with_a_trial_that_does(
         )
         for trial, (before, after) in zip(data.trials, shown, strict=True)
     ]
-    found = run_inference(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    given = replace(data, trials=tuple(trials))
+    found = with_proposal(run_inference(given, BENCH)).diagnosis
     assert found.verdict == "tie", found.statement
     acts = "joint_stiffness" if effect == "upper_joint_stop" else effect
     assert set(found.ties[0]) == {acts, other}

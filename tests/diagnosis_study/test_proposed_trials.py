@@ -11,7 +11,7 @@ from diagnose_benchmark import (
     Case,
     cases,
     is_alone,
-    planned_trial,
+    planned_trials,
     run,
     summary,
     word_of,
@@ -40,9 +40,10 @@ def test_a_rig_plays_every_kind_of_proposed_trial(tmp_path: Path) -> None:
     every = motions(Bench.of(scene_path("bench")), 0.8, 2.5)
     for motion in {motion.toml: motion for motion in every}.values():
         facts = tuple(trial_table("trial_08", motion, 80.0 * motion.pretension))
-        planned = NextExperiment(motion.description, ("a", "b"), "", "trial_08", facts)
-        write_proposed(tmp_path / "next", planned, motion, "")
-        trial, cell, text = planned_trial(tmp_path / "next")
+        named = ("trial_08",), facts
+        planned = NextExperiment(motion.description, ("a", "b"), "", *named)
+        write_proposed(tmp_path / "next", planned, [motion], "")
+        ((trial, cell),), text = planned_trials(tmp_path / "next")
         assert trial.tightness == (motion.pretension or 1.0)
         assert trial.unhooked == (motion.pretension == 0.0)
         assert trial.tilt == pytest.approx(motion.tilt, abs=1e-3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Problem, TorqueDerivatives
-from cc_mujoco.diagnosis._phrases import effect_name, format_number
+from cc_mujoco.diagnosis._phrases import NO_TRIAL, effect_name, format_number
 from cc_mujoco.diagnosis._rig.records import Arrays, Record, wind_up_angle
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
 from cc_mujoco.diagnosis._search.search import Found, Search
@@ -28,8 +29,22 @@ from cc_mujoco.report._html import list_words
 
 MOTION_STEP = 0.008
 """Time between the samples of a motion [s]."""
-QUARTER_TURN = 0.5 * np.pi
-"""Angle that a rig is turned by, so that its weights pull otherwise [rad]."""
+
+
+class TrialSettings(NamedTuple):
+    """Continuous settings of a trial; those that a kind of trial has."""
+
+    seconds: float = 40.0  # duration [s]
+    size: float = 1.0  # travel over the largest
+    speed: float = 1.0  # over the usual one of its kind, at most up to the largest
+    load: float = 1.0  # springs, weights and locked joints, over the largest
+    tension: float = 0.5  # pretension over that of the data, where it is lower
+    tilt: float = 0.5 * np.pi  # angle by which the rig is turned, where it is [rad]
+
+
+LEAST = TrialSettings(8.0, 0.2, 0.2, 0.2, 0.3, 0.1)
+MOST = TrialSettings(40.0, 1.0, 5.0, 1.0, 0.9, 0.5 * np.pi)
+USUAL = TrialSettings()
 
 
 @dataclass(frozen=True)
@@ -49,10 +64,6 @@ class CataloguedTrial:
     usual: bool = True  # whether a plan considers it; others are proposed for a tie
     # Whether a plan always has it, as no other separates weights, springs and sensors
     standard: bool = False
-
-    def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
-        cell = self.load_cell
-        return SingleCell.of(cell, bench, pretension) if cell else None
 
     @property
     def toml(self) -> tuple[str, ...]:
@@ -77,29 +88,38 @@ def motions(
     load: float | None = None,
     instruments: Instruments = TORQUE_SENSORS,
     cells: Collection[str] = (),
+    settings: TrialSettings = USUAL,
 ) -> list[CataloguedTrial]:
-    """Return the trials of the catalogue within these limits, two beyond `swing`.
+    """Return the trials of the catalogue within these limits, one beyond `swing`.
 
     They move about `middle_angle` by at most `swing` to either side [rad], at most at
     `rate` [rad/s], against a known `load` if any [N m/rad]. Each of the `cells`,
-    channels of load cells in single cables, adds its own trials.
+    channels of load cells in single cables, adds its own trials. With other `settings`
+    they are the same, in the same order.
     """
     from scipy.ndimage import gaussian_filter1d
 
     ratio = bench.motor_radius / bench.joint_radius
     wind = wind_up_angle(bench)
-    motor_middle = middle_angle(bench, swing)
+    seconds, size, speed, strain, tension, tilt = settings
+    motor_middle, room = middle_angle(bench, swing), half_range(bench)
+    beyond = size * min(4.0 * swing, max(swing, room))
+    span, farther = (
+        f"{100.0 * size:.0f} % of the range",
+        f"{beyond / swing:.2g} times the range",
+    )
+    swing, fast = swing * size, rate * min(speed, 1.0)
     (joint_middle,) = bench.carried(np.array([motor_middle]))
 
     def free(motor: FloatArray) -> FloatArray:
         return np.asarray(bench.carried(motor_middle + motor) - joint_middle)
 
-    time = np.arange(0.0, 40.0, MOTION_STEP)
+    time = np.arange(0.0, seconds, MOTION_STEP)
 
-    def triangle(size: float, speed: float | FloatArray) -> FloatArray:
-        travel = np.cumsum(np.broadcast_to(speed, time.shape)) * MOTION_STEP
-        phase = travel / (4.0 * size)
-        wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
+    def triangle(reach: float, slope: float | FloatArray) -> FloatArray:
+        slope = np.minimum(speed * np.broadcast_to(slope, time.shape), rate)
+        phase = np.cumsum(slope) * MOTION_STEP / (4.0 * reach)
+        wave = reach * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
         width = 0.03 / MOTION_STEP
         return np.asarray(gaussian_filter1d(wave, width, mode="nearest"))
@@ -107,19 +127,23 @@ def motions(
     shares = 0.02, 0.06, 0.2, 0.5, 1.0  # of the greatest speed, one after another
     steps = np.repeat(shares, math.ceil(time.size / len(shares)))[: time.size]
     ladder = triangle(swing, rate * steps)
-    # From 0.1 Hz on by 0.08 Hz/s, to 3.3 Hz after 40 s, where its speed is `rate`
-    loudness = min(0.3 * swing, rate / (2.0 * np.pi * 3.3))
-    chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
+    # From 0.1 Hz on evenly to 3.3 Hz at the end, where its speed is `fast`
+    loudness = min(0.3 * swing, fast / (2.0 * np.pi * 3.3))
+    chirp = loudness * np.sin(2.0 * np.pi * (0.1 + 1.6 / seconds * time) * time)
     cable = bench.cables[0]
     # This nearly loosens one cable and tightens the other as much.
-    taut = 0.8 * cable.pretension
+    taut = 0.8 * strain * cable.pretension
     stretch = taut / cable.axial_stiffness * cable.length
     taut_angle = stretch / bench.motor_radius
-    give = 1.0 - stretch / (ratio * swing * bench.joint_radius)
+    give = max(1.0 - stretch / (ratio * swing * bench.joint_radius), 0.0)
     sweep = triangle(swing, rate * 0.2)
-    dwell = swing * np.interp(
-        time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
-    )
+    move = max(1.0, swing / fast)  # In a short trial only the rests are shorter.
+    rests = np.array([1, 3, 8, 22]) * max(seconds - 5.0 * move - 1.0, 0.0) / 34.0
+    corners = np.cumsum([0.0, *np.insert(rests, range(4), move), move])
+    dwell = swing * np.interp(time, corners, [0, 1, 1, 0, 0, 1, 1, 0, 0, 1])
+    rested = f"rests of {list_words(f'{rest:.2g}' for rest in rests)} s"
+    slack = f"pretension at {100.0 * tension:.0f} %"
+    degrees = math.degrees(tilt)
     locked, reversal = min(4.0 * wind, taut_angle), min(2.0 * wind, 0.5 * taut_angle)
     small = triangle(reversal, rate * 0.1)
     still = np.zeros(time.size)
@@ -146,15 +170,15 @@ def motions(
             for how, each, share in (
                 ("triangles at five speeds", ladder, 1.0),
                 ("chirp from 0.1 to 3 Hz", chirp, 1.0),
-                ("moves with rests of 1, 3, 8 and 22 s", dwell, 1.0),
+                (f"moves with {rested}", dwell, 1.0),
                 ("small reversals within the wind-up of the cable", small, 1.0),
-                ("slow triangle over the whole range, pretension halved", sweep, 0.5),
+                (f"slow triangle over {span}, {slack}", sweep, tension),
             )
         ]
 
-    turned = "the rig turned by 90 degrees about the joint's axis"
-    unhooked = "cables off, motor and joint each turned slowly over the whole range"
-    whole = "joint free, slow triangle over the whole range"
+    turned = f"the rig turned by {degrees:.0f} degrees about the joint's axis"
+    unhooked = f"cables off, motor and joint each turned slowly over {span}"
+    whole = f"joint free, slow triangle over {span}"
     against = free(give * ladder)
     off: dict[str, Any] = {"pretension": 0.0}
     found = [
@@ -163,7 +187,7 @@ def motions(
             ladder,
         ),
         play("joint free, chirp from 0.1 to 3 Hz", chirp),
-        play("joint free, moves with rests of 1, 3, 8 and 22 s", dwell),
+        play(f"joint free, moves with {rested}", dwell),
         hold(
             "slow triangles of the motor a few times its wind-up",
             triangle(locked, wind),
@@ -174,31 +198,28 @@ def motions(
             still,
             triangle(locked * ratio, wind),
         ),
-        play(f"{whole}, pretension halved", sweep, pretension=0.5),
-        *(
-            play(
-                f"joint free, slow triangle over {words} the range, if the rig allows",
-                triangle(times * swing, rate * 0.2),
-                usual=False,
-                hard=times > 2.0,
-            )
-            for words, times in (("twice", 2.0), ("four times", 4.0))
+        play(f"{whole}, {slack}", sweep, pretension=tension),
+        play(
+            f"joint free, slow triangle over {farther}, if the rig allows",
+            triangle(beyond, rate * 0.2),
+            usual=False,
+            hard=True,
         ),
         play(
-            f"{whole}, {turned} (`tilt = {QUARTER_TURN:.3f}`), if it allows",
+            f"{whole}, {turned} (`tilt = {tilt:.3f}`), if it allows",
             sweep,
-            tilt=QUARTER_TURN,
+            tilt=tilt,
             standard=True,
         ),
         play(unhooked, sweep, **off, standard=True),
-        play(f"{unhooked}, {turned}", sweep, **off, tilt=QUARTER_TURN, usual=False),
-        hold("slow triangles, pretension halved", triangle(reversal, wind), 0.5),
+        play(f"{unhooked}, {turned}", sweep, **off, tilt=tilt, usual=False),
+        hold(f"slow triangles, {slack}", triangle(reversal, wind), tension),
         play("joint against a spring, triangles at five speeds", ladder, against),
         play(
             "joint against a spring, chirp from 0.1 to 3 Hz", chirp, free(give * chirp)
         ),
     ]
-    force = Limit.weight_share * cable.pretension
+    force = strain * Limit.weight_share * cable.pretension
     sensors = ("torque sensor", "motor current"), ("torque sensor",)
     radii = bench.motor_radius, bench.joint_radius
     able = [kind in own for kind, own in zip(instruments, sensors, strict=True)]
@@ -209,7 +230,7 @@ def motions(
         sides = list_words(f"{s:g} N m at the {side}" for side, s in pairs if s)
         words = (
             f"cables off, a known weight hung in place of the cable ({sides}), motor "
-            "and joint each turned slowly over the whole range"
+            f"and joint each turned slowly over {span}"
         )
         found.append(play(words, sweep, **off, known_torques=weights, standard=True))
     if instruments == TORQUE_SENSORS:
@@ -241,6 +262,11 @@ def motions(
     return found
 
 
+def half_range(bench: Bench) -> float:
+    """Return the angle of the motor that moves the joint over half its range [rad]."""
+    return 0.5 * float(np.ptp(bench.following(np.array(bench.span))))
+
+
 def middle_angle(bench: Bench, swing: float) -> float:
     """Return the motor angle with equal room for the swing to both sides [rad]."""
     low, high = np.sort(bench.following(np.array(bench.span)))
@@ -269,15 +295,6 @@ def write_motion(path: Path, motion: CataloguedTrial) -> None:
     np.savetxt(path, table, header=names, comments="", **how)
 
 
-def catalogue(problem: Problem) -> list[CataloguedTrial]:
-    """Return motions within speed and range of the data, and two beyond the range."""
-    plant = problem.plant
-    swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
-    speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
-    rate = max(float(np.quantile(speed, 0.99)) for speed in speeds)
-    return motions(plant.bench, swing, rate, instruments=plant.instruments)
-
-
 class Rivals(NamedTuple):
     """Two effects that the data do not distinguish, and the models with either."""
 
@@ -286,30 +303,15 @@ class Rivals(NamedTuple):
     models: tuple[CrossValidation, CrossValidation]  # with either
     confused: bool  # whether they are easily confused
 
-    @property
-    def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """Both models, weighted by their own errors, with their fitted parameters."""
-        found = []
-        for model in self.models:
-            masks = [record.free for record in model.problem.plant.records]
-            found.append((model.problem.with_updated_floor(model.x, masks), model.x))
-        return found
-
-
-class Proposal(NamedTuple):
-    experiment: NextExperiment
-    motion: CataloguedTrial  # of the trial
-
 
 def propose(
     found: Found, judged: Diagnosis
-) -> tuple[Diagnosis, CataloguedTrial | None]:
-    """Return the diagnosis with the trial that separates its first tie, if any."""
-    if not found.ties:
-        return judged, None
+) -> tuple[Diagnosis, tuple[CataloguedTrial, ...]]:
+    """Return the diagnosis with the trials that separate its first tie, if any do."""
     tie = found.ties[0]
-    if (best := best_trial(_tied_refits(found.search, tie))) is not None:
-        return replace(judged, next_experiment=best.experiment), best.motion
+    comparison = Comparison(_tied_refits(found.search, tie))
+    if (best := designed(comparison)) is not None:
+        return replace(judged, next_experiment=comparison.next(best)), best.motions
     declared = {  # facts of `[rig]` that remove or bound an effect
         "joint_gravity": "balanced",
         "joint_stiffness": "joint_spring",
@@ -320,8 +322,8 @@ def propose(
     decide = "on such motions either gives the same torques"
     if facts:
         decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
-    none = " No trial of the catalogue that is not among these would separate them"
-    return replace(judged, statement=f"{judged.statement}{none}: {decide}."), None
+    none = f"{NO_TRIAL} would separate them, nor the standard trials together"
+    return replace(judged, statement=f"{judged.statement} {none}: {decide}."), ()
 
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
@@ -342,191 +344,202 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
     return Rivals((one, two), before, (models[one], models[two]), confused)
 
 
-def best_trial(rivals: Rivals) -> Proposal | None:
-    """Return the trial that best distinguishes two rivals; None if none can.
+class Expected(NamedTuple):
+    """Separation of two rivals that is expected of trials not recorded yet."""
 
-    If one effect were true, the other would be fitted again, to old and new data: only
-    the remaining difference beyond the form error of effects counts. A trial is
-    proposed if the difference is significant, if the rule that found the tie would find
-    none with it, and if the data have no such trial yet. If no trial settles the tie
-    whichever effect is true, one that does if the better effect is true is proposed.
-    """
-    fitted = rivals.fitted
-    problem = fitted[0][0]
-    records, bench = problem.plant.records, problem.plant.bench
-    noise = _row_medians(problem.noise)
-    floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
-    masks = [[record.free for record in other.plant.records] for other, _ in fitted]
-    known = [fitting.jacobian(*f, m) for f, m in zip(fitted, masks, strict=True)]
-    weight = min(other.weight for other, _ in fitted)
-    best: tuple[tuple[bool, bool, float], Proposal] | None = None
-    trial = next_trial_name(records)
-    better, worse = np.argsort([model.held_out_mse for model in rivals.models])
-    every = catalogue(problem)
-    done = recorded(every, bench, records)
-    for motion in every:
-        if motion.description in done:
-            continue
-        record = as_record(problem, motion)
-        shown, without = [], []
-        for (other, x), name in zip(fitted, rivals.ids, strict=True):
-            plant = other.plant.limited([record])
-            shown += replace(other, plant=plant).torques(x)
-            rest = [each for each in other.effects if each != name]
-            without += plant.simulate(other.values(x), rest)
-        difference = (shown[0] - shown[1]) / noise
-        played = [replace(record, measured=torque) for torque in shown]
-        pairs = zip(fitted, played, known, strict=True)
-        lefts = [refit_difference(*f, r, noise, old, difference) for f, r, old in pairs]
-        left = min(lefts, key=np.linalg.norm)
-        unsure = np.hypot(1.0, form_error(shown, without, noise))
-        score = weight * float(np.linalg.norm(left / unsure))
-        if score < Limit.decisive_sigmas:
-            continue
-        # If one is true, the error of the other one, fitted again, remains.
-        share = noise / floor
-        made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
-        settles = [
-            separates_rivals(rivals, record, true, made[true], share * lefts[1 - true])
-            for true in (0, 1)
+    motions: tuple[CataloguedTrial, ...]
+    shown: Arrays  # torques in all of them, one after another, by either model [N m]
+    left: FloatArray  # difference that no tuning removes, over the noise
+    score: float  # the same over noise and form, in standard deviations
+    settles: tuple[bool, ...]  # whether the tie ends if the better, the worse is true
+
+    @property
+    def rank(self) -> tuple[bool, bool, bool, float]:
+        """Preference: by what settles the tie, then squared separation per second."""
+        hard = any(motion.hard for motion in self.motions)
+        rate = self.score**2 / (MOTION_STEP * self.left.shape[1])
+        return self.settles[0], self.settles[1], not hard, rate
+
+
+class Comparison:
+    """Two rivals, and the limits of the data within which trials are designed."""
+
+    def __init__(self, rivals: Rivals) -> None:
+        self.rivals, models = rivals, rivals.models
+        masks = [[r.free for r in model.problem.plant.records] for model in models]
+        pairs = [*zip(models, masks, strict=True)]
+        # Weighted by their own errors; without an effect they would inflate the floor
+        self.fitted = [
+            (m.problem.with_updated_floor(m.x, own), m.x) for m, own in pairs
         ]
-        rank = settles[worse], not motion.hard, score
-        if settles[better] and (best is None or rank > best[0]):
-            description = _describe_difference(problem, rivals.ids, shown, left, noise)
-            if not settles[worse]:
-                names = [effect_name(rivals.ids[each]) for each in (better, worse)]
-                description += (
-                    f"; it settles the tie if it is {names[0]}, which fits better now, "
-                    f"and need not if it is {names[1]}"
-                )
-            tension = record.pretension or 0.0
-            facts = tuple(trial_table(trial, motion, tension, record.occasion))
-            experiment = NextExperiment(
-                motion.description, rivals.ids, description, trial, facts
+        self.problem = self.fitted[0][0]
+        self.noise = _row_medians(self.problem.noise)
+        self._floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
+        both = zip(self.fitted, masks, strict=True)
+        self._known = [fitting.jacobian(*model, mask) for model, mask in both]
+        self._weight = min(other.weight for other, _ in self.fitted)
+        # Index of the model that fits better, and of the other one
+        self._order = np.argsort([model.held_out_mse for model in models])
+
+    def trials(self, settings: TrialSettings = USUAL) -> list[CataloguedTrial]:
+        """Return the trials of every kind within speed and range of the data."""
+        plant = self.problem.plant
+        swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
+        speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
+        rate = max(float(np.quantile(speed, 0.99)) for speed in speeds)
+        known: Any = {"instruments": plant.instruments, "settings": settings}
+        return motions(plant.bench, swing, rate, **known)
+
+    def expected(self, *trials: CataloguedTrial, least: float = 0.0) -> Expected | None:
+        """Return the separation that trials promise, None below `least` per second.
+
+        If one effect were true, the other would be fitted again, to old and new data:
+        only the remaining difference beyond the form error of effects counts.
+        """
+        records = [as_record(self.problem, motion) for motion in trials]
+        shown, without, played = [], [], []
+        for (other, x), name in zip(self.fitted, self.rivals.ids, strict=True):
+            plant = other.plant.limited(records)
+            played.append(replace(other, plant=plant).torques(x))
+            shown.append(np.concatenate(played[-1], axis=1))
+            rest = [each for each in other.effects if each != name]
+            bare = plant.simulate(other.values(x), rest)
+            without.append(np.concatenate(bare, axis=1))
+        off = (shown[1] - shown[0]) / self.noise
+        unsure = np.hypot(1.0, form_error(shown, without, self.noise))
+        seconds = MOTION_STEP * off.shape[1]
+        least = max(Limit.decisive_sigmas, math.sqrt(least * seconds))
+        score = self._weight * float(np.linalg.norm(off / unsure))
+        if score < least:  # refits only make it less
+            return None
+        refits = zip(self.fitted, played, (off, -off), self._known, strict=True)
+        lefts = [
+            refit_difference(*model, records, torques, self.noise, known, each)
+            for model, torques, each, known in refits
+        ]
+        left = min(lefts, key=np.linalg.norm)
+        score = self._weight * float(np.linalg.norm(left / unsure))
+        if score < least:
+            return None
+        ids, before, models, confused = self.rivals
+        settles: list[bool] = []
+        for true in self._order:
+            # If one is true, the error of the other one, fitted again, remains.
+            made = (shown[true] - without[true]) / self._floor
+            wrong = self.noise / self._floor * lefts[1 - true]
+            none = _with_record(before, records[0], made)
+            right = _with_record(models[true], records[0], 0.0 * made)
+            rival = _with_record(models[1 - true], records[0], wrong)
+            names = ids[true], ids[1 - true]
+            settles.append(not tie_reason(none, right, rival, names, confused))
+        return Expected(trials, shown, left, score, tuple(settles))
+
+    def next(self, best: Expected) -> NextExperiment:
+        """Return the description of the trials with the expected separation."""
+        ids, records = self.rivals.ids, self.problem.plant.records
+        sizes = np.sqrt(np.mean(best.left**2, axis=1))
+        row = int(np.argmax(sizes))
+        most = int(np.argmax(np.abs(best.left[row])))
+        one, two = (torque[row, most] for torque in best.shown)
+        difference = (
+            f"in {MOTION_STEP * best.left.shape[1]:.0f} s "
+            f"{self.problem.plant.instruments.channels[row]} differs by "
+            f"{sizes[row] * self.noise[row, 0]:.3g} N m RMS even when all "
+            f"else is tuned, {format_number(sizes[row])} times the noise; at "
+            f"{most * MOTION_STEP:.1f} s {effect_name(ids[0])} gives "
+            f"{one:.3g} N m and {effect_name(ids[1])} {two:.3g} N m"
+        )
+        if not best.settles[1]:
+            better, worse = (effect_name(ids[each]) for each in self._order)
+            difference += (
+                f"; it settles the tie if it is {better}, which fits better now, "
+                f"and need not if it is {worse}"
             )
-            best = rank, Proposal(experiment, motion)
-    return best[1] if best else None
+        names, facts = next_trial_names(records, len(best.motions)), list[str]()
+        for name, motion in zip(names, best.motions, strict=True):
+            new = as_record(self.problem, motion)
+            facts += trial_table(name, motion, new.pretension or 0.0, new.occasion)
+        words = "; ".join(motion.description for motion in best.motions)
+        if len(names) > 1:
+            words = f"no single trial separates them, these {len(names)} do: {words}"
+        return NextExperiment(words, ids, difference, names, tuple(facts))
 
 
-def next_trial_name(records: Sequence[Record]) -> str:
-    """Return a name that no trial has on any occasion."""
+def designed(comparison: Comparison) -> Expected | None:
+    """Return the trial that separates two rivals most for its duration, if any.
+
+    Every kind of trial that the data do not have yet is tried with its usual settings,
+    and those of the best ones are searched. If no trial settles the tie whichever
+    effect is true, one that does if the better effect is true is taken, or else the
+    standard trials together.
+    """
+    every = comparison.trials()
+    noted = {kind_of(r.notes) for r in comparison.problem.plant.records}
+    new = [k for k, m in enumerate(every) if kind_of(m.description) not in noted]
+    tried = [(k, comparison.expected(every[k])) for k in new]
+    able = [(k, usual) for k, usual in tried if usual is not None]
+    able.sort(key=lambda each: each[1].rank, reverse=True)
+    found: list[Expected] = []
+    for kind, usual in able[: Limit.searched_trials]:
+        if not any(all(each.settles) for each in found):
+            found.append(_searched(comparison, kind, usual))
+    best = max(found, key=lambda each: each.rank, default=None)
+    standard = [every[k] for k in new if every[k].standard]
+    if standard and (best is None or not best.settles[0]):
+        best = comparison.expected(*standard)
+    return best if best is not None and best.settles[0] else None
+
+
+def _searched(comparison: Comparison, kind: int, usual: Expected) -> Expected:
+    """Return the trial of one kind with the best settings, by a pattern search.
+
+    (Hooke, Jeeves, Journal of the ACM 8, 1961.)
+    """
+    best, place = usual, USUAL
+    steps = [each for step in Limit.setting_steps for each in (1.0 / step, step)]
+    for step, name in itertools.product(steps, TrialSettings._fields):
+        bounds = getattr(LEAST, name), getattr(MOST, name)
+        value = float(np.clip(step * getattr(place, name), *bounds))
+        new = place._replace(**{name: value})
+        motion, (before,) = comparison.trials(new)[kind], best.motions
+        facts = [(m.toml, m.pretension) for m in (motion, before)]
+        angles = (motion.motor, before.motor), (motion.joint, before.joint)
+        if facts[0] == facts[1] and all(np.array_equal(*pair) for pair in angles):
+            continue  # no setting of this kind
+        least = Limit.min_gain * best.rank[-1] if all(best.settles) else 0.0
+        expected = comparison.expected(motion, least=least)
+        if expected is not None and expected.rank > best.rank:
+            best, place = expected, new
+    return best
+
+
+def kind_of(words: str) -> str:
+    """Return the description of a trial without the numbers of its settings."""
+    return re.sub(r"[0-9.]+", "", words)
+
+
+def next_trial_names(records: Sequence[Record], count: int = 1) -> tuple[str, ...]:
+    """Return the first names that no trial has on any occasion."""
     taken = {record.trial.rsplit("/", 1)[-1] for record in records}
     names = (f"trial_{k:02d}" for k in itertools.count(1))
-    return next(name for name in names if name not in taken)
+    return tuple(itertools.islice((n for n in names if n not in taken), count))
 
 
-def _describe_difference(
-    problem: Problem,
-    ids: tuple[str, str],
-    shown: Arrays,
-    left: FloatArray,
-    noise: FloatArray,
-) -> str:
-    sizes = np.sqrt(np.mean(left**2, axis=1))
-    row = int(np.argmax(sizes))
-    most = int(np.argmax(np.abs(left[row])))
-    channel = problem.plant.instruments.channels[row]
-    return (
-        f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} N m RMS even when all "
-        f"else is tuned, {format_number(sizes[row])} times the noise; at "
-        f"{most * MOTION_STEP:.1f} s {effect_name(ids[0])} gives "
-        f"{shown[0][row, most]:.3g} N m and {effect_name(ids[1])} "
-        f"{shown[1][row, most]:.3g} N m"
-    )
-
-
-def recorded(
-    every: Sequence[CataloguedTrial], bench: Bench, records: Sequence[Record]
-) -> set[str]:
-    """Return the descriptions of those motions of `every` that the data contain.
-
-    A trial contains a motion if its notes name it, or if it has the same facts and
-    travel, begun at any time. With the cables off, half the travel of the joint is
-    enough. Of several motions it is the one whose lag of the joint is most similar.
-    """
-    known = [r.pretension for r in records if r.pretension]
-    usual = float(np.median(known)) if known else 1.0
-    spans = [bench.carried(motion.motor) - motion.joint for motion in every]
-    words = [motion.description for motion in every]
-    lags = {w: float(np.ptp(span)) for w, span in zip(words, spans, strict=True)}
-    found = set()
-    for record in records:
-        if record.notes in lags:
-            found.add(record.notes)  # as proposed or planned, however well followed
-            continue
-        tension = usual if record.pretension is None else record.pretension
-        own = float(np.ptp(bench.carried(record.motor_angle) - record.joint_angle))
-        ratio = tension / usual
-        able = [each for each in every if _matches_motion(each, bench, record, ratio)]
-        matching = [each.description for each in able]
-        if matching:
-            found.add(min(matching, key=lambda each: abs(lags[each] - own)))
-    return found
-
-
-def _matches_motion(
-    motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
-) -> bool:
-    # Pretension within 10 %, tilt within 0.1 rad, spans within a fifth
-    if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
-        return False
-    if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
-        return False
-    if record.load_cell != motion.cell_on(bench, record.pretension):
-        return False
-    if [*map(bool, record.known_torques)] != [*map(bool, motion.known_torques)]:
-        return False
-    pairs = (record.motor_angle, motion.motor), (record.joint_angle, motion.joint)
-    spans = [(float(np.ptp(there)), float(np.ptp(here))) for there, here in pairs]
-    if motion.pretension == 0.0:  # moved by hand
-        return spans[1][0] > 0.5 * spans[1][1]
-    largest = max(max(pair) for pair in spans)
-    if any(abs(a - b) > 0.2 * max(a, b) + 0.02 * largest for a, b in spans):
-        return False
-    known = record.dt * np.arange(record.motor_angle.size)
-    there = np.interp(np.arange(0.0, known[-1], MOTION_STEP), known, record.motor_angle)
-    there = there - there.mean()
-    motor = motion.motor - motion.motor.mean()
-    size = there.size + motor.size
-    product = np.fft.rfft(there, size) * np.conj(np.fft.rfft(motor, size))
-    most = float(np.max(np.fft.irfft(product, size)))
-    norm = float(np.linalg.norm(there) * np.linalg.norm(motor))
-    return norm == 0.0 or most > Limit.min_motion_correlation * norm
-
-
-def separates_rivals(
-    rivals: Rivals, record: Record, true: int, made: FloatArray, left: FloatArray
-) -> bool:
-    """Return whether one more trial would end the tie of two effects.
-
-    `true` is the index of the true effect, `made` (rows, samples) its change of torque
-    over the floor, `left` (rows, samples) the error of the other one, fitted again.
-    """
-    model, other = rivals.models[true], rivals.models[1 - true]
-    names = rivals.ids[true], rivals.ids[1 - true]
-    before = _with_trial(rivals.before, record, made)
-    better = _with_trial(model, record, np.zeros_like(left))
-    worse = _with_trial(other, record, left)
-    return not tie_reason(before, better, worse, names, rivals.confused)
-
-
-def _with_trial(
+def _with_record(
     crossed: CrossValidation, record: Record, error: FloatArray
 ) -> CrossValidation:
-    """Return a cross-validation with one trial more, of this error (rows, samples)."""
+    """Return a cross-validation with one record more, of this error (rows, samples)."""
     problem = crossed.problem
     base = problem.plant.records[0]
-    times = max(1, round(record.dt / base.dt))
-    size = times * record.time.size
+    error = np.repeat(error, max(1, round(record.dt / base.dt)), axis=1)
     both = map(_row_medians, (problem.floor, problem.noise))
-    floor, noise = (np.repeat(each, size, axis=1) for each in both)
+    floor, noise = (np.repeat(each, error.shape[1], axis=1) for each in both)
     more = replace(record, dt=base.dt, group=record.trial)
     plant = problem.plant.limited([*problem.plant.records, more])
     floors, noises = (*problem.floor, floor), (*problem.noise, noise)
     wider = replace(problem, plant=plant, floor=floors, noise=noises)
     wider = replace(wider, slopes=TorqueDerivatives())
-    wide = fitting.huber_residual(np.repeat(error, times, axis=1))
-    off = np.hypot(wide, noise / floor)
+    off = np.hypot(fitting.huber_residual(error), noise / floor)
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
 
 
@@ -550,8 +563,8 @@ def motion_record(
     motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
     """Return a motion as a record of `rows` torques, all 0, at a `tension` [N]."""
-    size = min(motion.motor.size, motion.joint.size)
-    angles = np.array([motion.motor[:size], motion.joint[:size]])
+    size, cell = motion.motor.size, motion.load_cell
+    angles = np.array([motion.motor, motion.joint])
     pretension = tension * motion.pretension
     return Record(
         trial=motion.description,
@@ -571,7 +584,7 @@ def motion_record(
         tilt=motion.tilt,
         known_torques=motion.known_torques,
         swapped=motion.swapped,
-        load_cell=motion.cell_on(bench, pretension),
+        load_cell=SingleCell.of(cell, bench, pretension) if cell else None,
     )
 
 
@@ -595,34 +608,33 @@ def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
 def refit_difference(
     problem: Problem,
     x: FloatArray,
-    record: Record,
+    records: Sequence[Record],
+    torques: Arrays,
     noise: FloatArray,
     known: FloatArray,
     difference: FloatArray,
 ) -> FloatArray:
-    """Return the difference (2, samples) that is left after a refit within bounds.
+    """Return the difference (rows, samples) that is left after a refit within bounds.
 
-    `record` is the new trial as predicted, `noise` (2, 1) that of its torques [N m],
-    `known` (residuals, parameters) the Jacobian on present data and priors.
-    `difference` (2, samples) is relative to the noise.
+    `records` are new trials, `torques` those that the model predicts, `noise` (rows, 1)
+    theirs [N m], `known` (residuals, parameters) the Jacobian on present data and
+    priors. The `difference` of the truth from the model is relative to the noise.
     """
     from scipy.optimize import lsq_linear
 
-    wide = (np.broadcast_to(noise, difference.shape),)
-    plant, unknown = problem.plant.limited([record]), TorqueDerivatives()
-    new = replace(problem, plant=plant, noise=wide, floor=wide, slopes=unknown)
-    every = [np.ones(record.counts.size, dtype=bool)]
-    slopes = fitting.jacobian(new, x, every)[: difference.size]
-    wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])
+    new = replace(problem, plant=problem.plant.limited(records))
+    slopes = TorqueDerivatives().of(new, x, range(len(records)), torques)
+    changes = (np.concatenate(slopes, axis=2) / noise).reshape(x.size, -1).T
     low, high = (
         np.array([getattr(p, k) for p in problem.tuned]) for k in ("low", "high")
     )
     moves = np.flatnonzero(high > low)
-    table = np.concatenate([slopes, known])[:, moves]
+    table = np.concatenate([problem.weight * changes, known])[:, moves]
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     axes, short = np.linalg.qr(table / size)
     least, most = np.minimum(low - x, 0.0)[moves], np.maximum(high - x, 0.0)[moves]
     bounds = (least - 1e-9) * size, (most + 1e-9) * size
+    wanted = axes[: difference.size].T @ (problem.weight * difference.ravel())
     change = np.zeros(x.size)
-    change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
-    return difference - (slopes @ change).reshape(difference.shape) / problem.weight
+    change[moves] = lsq_linear(short, wanted, bounds).x / size
+    return difference - (changes @ change).reshape(difference.shape)

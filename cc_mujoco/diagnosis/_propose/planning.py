@@ -232,20 +232,16 @@ def _resolved_effects(gram: FloatArray, owners: Owners) -> list[Resolved]:
     for name, own in index.items():
         clarity = float(np.sqrt(np.max(np.diag(left)[own])))
         others = [(n, np.ix_(own, theirs)) for n, theirs in index.items() if n != name]
-        cosines = {n: _cosine(left[part], white[name], white[n]) for n, part in others}
+        cosines: dict[str, float] = {}  # of combinations of both effects' changes
+        for other, part in others:
+            crossed = white[name].T @ left[part] @ white[other]
+            values = np.linalg.svd(crossed, compute_uv=False)
+            cosines[other] = min(float(values.max(initial=0.0)), 1.0)
         likest = max(cosines, key=lambda other: cosines[other], default="nothing")
         separation = clarity * float(np.sqrt(1.0 - cosines.get(likest, 0.0) ** 2))
         plausible = owners[own[0]][1]
         found.append(Resolved(name, plausible, clarity, likest, separation))
     return found
-
-
-def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:
-    """Return the largest cosine between combinations of the changes of two effects."""
-    if not one.size or not other.size:
-        return 0.0
-    values = np.linalg.svd(one.T @ cross @ other, compute_uv=False)
-    return float(min(values[0], 1.0))
 
 
 PLAN_PAGE = "plan.md"
@@ -312,7 +308,15 @@ def plan(
             f"{dataset_toml} says that neither torque is measured and declares no load "
             "in [rig]; a diagnosis compares at least one of the two"
         )
-    declared = "" if dataset_toml is None else _read_declarations(Path(dataset_toml))
+    declared = ""
+    if dataset_toml is not None:
+        declared = Path(dataset_toml).read_text(encoding="utf-8")
+        if "trials" in parse_toml(declared):
+            raise CableError(
+                f"{dataset_toml} has [trials], and those of a plan are still to be "
+                "recorded; leave them out."
+            )
+        declared = f"{declared.rstrip()}\n\n" if declared.strip() else ""
     noise = _noise(file, instruments, bench)
     noise |= derived_noise(noise, instruments, file.rig, bench)
     begun()
@@ -334,17 +338,6 @@ def plan(
     return found
 
 
-def _read_declarations(path: Path) -> str:
-    """Return the text of a `dataset.toml` that has no trials yet."""
-    text = path.read_text(encoding="utf-8")
-    if "trials" in parse_toml(text):
-        raise CableError(
-            f"{path} has [trials], and those of a plan are still to be recorded; leave "
-            "them out."
-        )
-    return f"{text.rstrip()}\n\n" if text.strip() else ""
-
-
 def _require_possible(bench: Bench, reach: float) -> None:
     """Require that the joint can follow the motor by `reach` [rad] to either side."""
     most, limit = math.tau * bench.joint_radius / bench.motor_radius, ""
@@ -354,7 +347,7 @@ def _require_possible(bench: Bench, reach: float) -> None:
             f"at most {most:.3g}, in radians of the motor."
         )
     elif (bench.lever is not None or math.isfinite(bench.reach)) and reach > (
-        most := _half_range(bench)
+        most := experiment.half_range(bench)
     ):
         where = "beyond its stops"
         if bench.lever is not None:
@@ -367,15 +360,10 @@ def _require_possible(bench: Bench, reach: float) -> None:
         raise CableError(f"reach is {reach:g} rad{limit}")
 
 
-def _half_range(bench: Bench) -> float:
-    """Return the angle of the motor that moves the joint over half its range [rad]."""
-    return 0.5 * float(np.ptp(bench.following(np.array(bench.span))))
-
-
 def _reach(bench: Bench, speed: float) -> float:
     """Return the motor's default largest angle to either side, within 1 s [rad]."""
     if math.isinf(bench.reach):
-        half = math.inf if bench.lever is None else _half_range(bench)
+        half = math.inf if bench.lever is None else experiment.half_range(bench)
         return min(Limit.default_reach, half)
     ends = bench.centre + bench.reach * np.array([-1.0, 0.0, 1.0])
     sides = np.abs(np.diff(bench.following(ends)))
@@ -388,8 +376,7 @@ def _noise(file: DatasetFile, known: Instruments, bench: Bench) -> dict[str, Noi
         found[channels.JOINT_TORQUE] = Noise(bench.torque_noise, 0.0, "declared")
     for name, source in file.columns.items():
         if source.noise is not None:
-            unit = file.unit(name, source.name or name)
-            factor = channels.kind_of(name).factors[unit]
+            factor = file.factor(name, source.name or name)
             digit = (source.resolution or 0.0) * factor
             found[name] = Noise(source.noise * factor, digit, "declared")
     return found

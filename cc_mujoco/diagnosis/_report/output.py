@@ -36,7 +36,6 @@ from cc_mujoco.device._description import ENDING
 from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._report import write_description
 from cc_mujoco.diagnosis import _phrases as words
-from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._learn.residual import classes_of, file_text
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
@@ -46,6 +45,7 @@ from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
 from cc_mujoco.diagnosis._scene import realisation
 from cc_mujoco.diagnosis._scene.repair import repair_scene, rollout
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
+from cc_mujoco.diagnosis._search.search import Found
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
@@ -67,7 +67,7 @@ class Earlier(NamedTuple):
     dataset: Path | None  # file with the meaning of the columns, or None
     axis: str | None = None  # recorded axis; None for a device with one
     effects: tuple[str, ...] = ()  # requested effects, as they were named
-    proposed: Path | None = None  # facts of these trials and the proposed one
+    proposed: Path | None = None  # facts of these trials and the proposed ones
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -80,6 +80,8 @@ class Earlier(NamedTuple):
             scene, dataset = known["scene"], known["dataset"]
             several, occasions = known["several_files"], known.get("occasions", ())
             base = os.path.join(os.path.realpath(folder), known["folder"])
+            planned = verdict.get("next_experiment") or {}
+            first = next(iter(planned.get("trials", ())), "")  # proposed
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
             raise CableError(
                 f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
@@ -110,9 +112,7 @@ class Earlier(NamedTuple):
                     f"{now} has changed since {place} was written; diagnose all data "
                     "anew."
                 )
-        planned = verdict.get("next_experiment")
-        trial = planned.get("trial") if isinstance(planned, dict) else ""
-        proposed = Path(folder, f"next_{trial}", DATASET_FILE)
+        proposed = Path(folder, f"next_{first}", DATASET_FILE)
         effects = known.get("effects", ())
         code = [named_in_file(str(each), place, "effects") for each in effects]
         known_data = tuple(here[path] for path in data)
@@ -123,20 +123,21 @@ class Earlier(NamedTuple):
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
         """Return the path of one `dataset.toml` for the earlier and the new trials.
 
-        For the proposed trial it is the one written with it. A `dataset.toml` next to
-        other new trials would be ignored and is refused.
+        For the proposed trials it is the one written with them. One next to other new
+        trials would be ignored and is refused.
         """
         files = data_files(data)
         own = find_dataset_file(files)
         if self.proposed is not None:
-            recorded = self.proposed.parent.name.removeprefix("next_")
+            motions = self.proposed.parent.glob(MOTION_FILE.format("*"))
+            trials = sorted(path.stem.replace("motion", "trial") for path in motions)
             facts = [
-                (file.columns, file.rig, file.facts.get(recorded))
+                (file.columns, file.rig, [*map(file.facts.get, trials)])
                 for file in map(
                     read_dataset_file, (self.proposed, own or self.proposed)
                 )
             ]
-            if facts[0] == facts[1] and [file.stem for file in files] == [recorded]:
+            if facts[0] == facts[1] and sorted(file.stem for file in files) == trials:
                 return self.proposed
         if own is None or (self.dataset is not None and own.samefile(self.dataset)):
             return self.dataset
@@ -163,8 +164,8 @@ class DiagnosisResult:
     evidence: Evidence = field(default_factory=Evidence)  # that the report draws
     problem: Problem | None = None  # final model, or None where there is none
     x: FloatArray = field(default_factory=lambda: np.zeros(0))  # where it is fitted
-    baseline_fit: BaselineFit | None = None  # None where nothing was fitted
-    motion: CataloguedTrial | None = None  # motion of the proposed trial, or None
+    found: Found | None = None  # what the search found, or None where nothing was
+    motions: tuple[CataloguedTrial, ...] = ()  # of the proposed trials
 
 
 REPORT_PAGE = "report.html"
@@ -363,23 +364,35 @@ def write(
         raise CableError(f"{error} The verdict is in {out / VERDICT_FILE}.") from error
     if SCENE_FILE in there:
         carry_description(bench.path, out / SCENE_FILE)
-    planned = diagnosis.next_experiment
-    if result.motion is not None and planned is not None:
-        write_proposed(out / planned.folder, planned, result.motion, dataset.path)
     for name in set(OPTIONAL_FILES) - there:  # of a diagnosis with another verdict
         (out / name).unlink(missing_ok=True)
     return diagnosis
 
 
+def add_proposal(result: DiagnosisResult, dataset: Dataset, out: Path) -> None:
+    """Add the proposal to the folder, page and verdict of a diagnosis."""
+    diagnosis = result.diagnosis
+    if (planned := diagnosis.next_experiment) is not None:
+        write_proposed(out / planned.folder, planned, result.motions, dataset.path)
+    with replacing_folder(out) as place:
+        text = _page(diagnosis, result.evidence, out)
+        (place / REPORT_PAGE).write_text(text, encoding="utf-8")
+        diagnosis.write(place / VERDICT_FILE)
+
+
 def write_proposed(
-    folder: Path, planned: NextExperiment, motion: CataloguedTrial, dataset_toml: str
+    folder: Path,
+    planned: NextExperiment,
+    motions: Sequence[CataloguedTrial],
+    dataset_toml: str,
 ) -> None:
-    """Write a proposed trial as a plan of one trial, after the facts of all others."""
+    """Write the proposed trials as a plan, after the facts of all others."""
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
-    number = planned.trial.removeprefix("trial_")
     with replacing_folder(folder) as place:
-        write_motion(place / MOTION_FILE.format(number), motion)
+        for trial, motion in zip(planned.trials, motions, strict=True):
+            number = trial.removeprefix("trial_")
+            write_motion(place / MOTION_FILE.format(number), motion)
         (place / DATASET_FILE).write_text("\n".join(facts), encoding="utf-8")
 
 

@@ -241,15 +241,16 @@ def _experiment_step(diagnosis: Diagnosis) -> Html:
     if planned is None:
         return _step_item(
             title,
-            "No trial of the catalogue that is not among these would separate them; "
-            "the verdict says what to declare or to measure instead.",
+            "The verdict says whether the trial that would separate them is still "
+            "worked out, or what to declare or to measure instead.",
         )
+    names = list_words(planned.trials)
     either = effect_names(planned.separates, "or")
-    then = f"record it as {planned.trial}, then continue this diagnosis with it"
+    then = f"record {names}, then continue this diagnosis"
     if diagnosis.occasions is not None:
         last = diagnosis.occasions.names[-1]
         then = (
-            f"record it as {planned.trial} among the trials of {last}, replace their "
+            f"record {names} among the trials of {last}, replace their "
             f"dataset.toml by that of the folder, then {RUN_AGAIN}"
         )
     return _step_item(

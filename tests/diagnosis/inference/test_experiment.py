@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,22 +16,28 @@ from cc_mujoco.diagnosis import (
     BaselineFit,
     CrossValidation,
     Problem,
-    Record,
-    catalogue,
     fit,
     fit_baseline,
     plant_of,
     prepare,
 )
-from cc_mujoco.diagnosis._propose import experiment
 from cc_mujoco.diagnosis._propose.experiment import (
+    LEAST,
+    MOST,
     CataloguedTrial,
+    Comparison,
+    Expected,
     Rivals,
-    best_trial,
-    recorded,
+    TrialSettings,
+    designed,
+    kind_of,
     refit_difference,
 )
+from cc_mujoco.diagnosis._report.output import write_proposed
+from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.estimation._least_squares import Fit
+from cc_mujoco.hardware._limits import Limits
+from cc_mujoco.hardware._references import read_plan
 from diagnosis.recorded import BENCH, dataset
 
 
@@ -68,15 +77,17 @@ def sprung() -> tuple[BaselineFit, Rivals]:
 def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     sprung: tuple[BaselineFit, Rivals],
 ) -> None:
-    found = best_trial(sprung[1])
+    comparison = Comparison(sprung[1])
+    found = designed(comparison)
     assert found is not None
-    planned = found.experiment
-    assert "turned by 90 degrees" in planned.description
-    assert found.motion.tilt > 0.0 and found.motion.description == planned.description
+    planned, (motion,) = comparison.next(found), found.motions
+    assert "the rig turned by" in planned.description
+    assert motion.tilt > 1.0 and motion.description == planned.description
     assert planned.separates == ("joint_stiffness", "joint_gravity")
-    assert planned.trial not in {r.trial for r in sprung[0].problem.plant.records}
-    (table,) = tomllib.loads("\n".join(planned.facts))["trials"].values()
-    assert table["tilt"] == pytest.approx(1.571)
+    (name,) = planned.trials
+    assert name not in {r.trial for r in sprung[0].problem.plant.records}
+    table = tomllib.loads("\n".join(planned.facts))["trials"][name]
+    assert table["tilt"] == pytest.approx(motion.tilt, abs=1e-3)
 
 
 def tie(
@@ -94,67 +105,117 @@ def tie(
     return Rivals(ids, before, (crossed(*one), crossed(*other)), True)
 
 
-def as_recorded(motion: CataloguedTrial, like: Record) -> Record:
-    """Return a motion as a trial of the data, at their rate and with small errors."""
-    size = int(motion.motor.size * MOTION_STEP / like.dt)
-    time = like.dt * np.arange(size)
-    known = MOTION_STEP * np.arange(motion.motor.size)
-    motor, joint = (
-        1.02 * np.interp(time, known, angle) + 0.03
-        for angle in (motion.motor, motion.joint[: motion.motor.size])
-    )
-    return replace(
-        like,
-        time=time,
-        motor_angle=motor,
-        joint_angle=joint,
-        pretension=80.0 * motion.pretension,
-        tilt=motion.tilt,
-        known_torques=motion.known_torques,
-        swapped=motion.swapped,
-        load_cell=motion.cell_on(BENCH, 80.0 * motion.pretension),
-    )
+def weights_and_springs(baseline_fit: BaselineFit, size: float) -> Rivals:
+    """Return a spring of `size` [N m/rad] and a weight that pulls alike."""
+    spring = {"joint_stiffness": size, "joint_stiffness_moment": 0.0}
+    weight = {"gravity_sine": 1.1 * size, "gravity_cosine": 0.0}
+    one = rival(baseline_fit, "joint_stiffness", spring)
+    return tie(baseline_fit, one, rival(baseline_fit, "joint_gravity", weight))
 
 
-def test_a_motion_is_found_again_among_trials_and_no_other_is(
-    baseline_fit: BaselineFit,
+def test_a_kind_that_the_data_have_is_not_proposed_again(
+    sprung: tuple[BaselineFit, Rivals], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = baseline_fit.problem
-    (like, *_) = problem.plant.records
-    others = [replace(r, pretension=80.0) for r in problem.plant.records]
-    every = catalogue(problem)
-    for motion in every:
-        trial = as_recorded(motion, like)
-        found = recorded(every, problem.plant.bench, [*others, trial])
-        assert found == {motion.description}
-    assert not recorded(every, problem.plant.bench, others)
-    noted = replace(others[0], notes=every[0].description)
-    assert recorded(every, problem.plant.bench, [noted]) == {every[0].description}
+    """Trials of a kind have the same words but for numbers; kinds differ."""
+    comparison = Comparison(sprung[1])
+    kinds = [kind_of(motion.description) for motion in comparison.trials()]
+    assert len({*kinds}) == len(kinds)
+    for settings in (LEAST, MOST):
+        other = comparison.trials(settings)
+        assert [kind_of(motion.description) for motion in other] == kinds
+    plant = comparison.problem.plant
+    turned = [motion for motion in comparison.trials() if motion.tilt]
+    monkeypatch.setattr(Comparison, "trials", lambda *_: turned)
+    assert designed(comparison) is not None
+    noted = [
+        replace(record, notes=motion.description)
+        for record, motion in zip(plant.records, turned, strict=False)
+    ]
+    known = replace(plant, records=(*noted, *plant.records[len(noted) :]))
+    comparison.problem = replace(comparison.problem, plant=known)
+    assert designed(comparison) is None
 
 
-def test_no_trial_that_the_data_have_and_none_that_settles_nothing_is_proposed(
+def test_no_trial_that_settles_nothing_is_proposed(
     baseline_fit: BaselineFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spring = rival(
-        baseline_fit,
-        "joint_stiffness",
-        {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0},
-    )
-    weight = rival(
-        baseline_fit, "joint_gravity", {"gravity_sine": 0.44, "gravity_cosine": 0.0}
-    )
-    turned = [m for m in catalogue(baseline_fit.problem) if m.tilt]
-    monkeypatch.setattr(experiment, "catalogue", lambda _: turned)
-    done = {motion.description for motion in turned}
-    monkeypatch.setattr(experiment, "recorded", lambda *_: done)
-    assert best_trial(tie(baseline_fit, spring, weight)) is None
-    monkeypatch.setattr(experiment, "recorded", lambda *_: set())
-    small = {"joint_stiffness": 4e-3, "joint_stiffness_moment": 0.0}
-    faint = rival(baseline_fit, "joint_stiffness", small)
-    weak = rival(
-        baseline_fit, "joint_gravity", {"gravity_sine": 4.4e-3, "gravity_cosine": 0.0}
-    )
-    assert best_trial(tie(baseline_fit, faint, weak)) is None
+    comparison = Comparison(weights_and_springs(baseline_fit, 4e-3))
+    turned = [motion for motion in comparison.trials() if motion.tilt]
+    monkeypatch.setattr(Comparison, "trials", lambda *_: turned)
+    assert designed(comparison) is None
+
+
+def test_a_designed_trial_separates_more_a_second_than_the_usual_one(
+    sprung: tuple[BaselineFit, Rivals],
+) -> None:
+    comparison = Comparison(sprung[1])
+    usual = filter(None, map(comparison.expected, comparison.trials()))
+    best = max(usual, key=lambda expected: expected.rank)
+    found = designed(comparison)
+    assert found is not None and all(found.settles)
+    assert found.rank[-1] > 1.5 * best.rank[-1]
+    assert found.motions[0].motor.size < best.motions[0].motor.size
+
+
+def test_where_no_trial_settles_a_tie_the_standard_ones_are_proposed_together(
+    sprung: tuple[BaselineFit, Rivals], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    comparison = Comparison(sprung[1])
+    whole = Comparison.expected
+
+    def lone_ones_settle_nothing(
+        self: Comparison, *trials: CataloguedTrial, least: float = 0.0
+    ) -> Expected | None:
+        return whole(self, *trials, least=least) if len(trials) > 1 else None
+
+    monkeypatch.setattr(Comparison, "expected", lone_ones_settle_nothing)
+    found = designed(comparison)
+    assert found is not None
+    planned = comparison.next(found)
+    assert len(found.motions) == len(planned.trials) == 3
+    assert all(motion.standard for motion in found.motions)
+    assert "no single trial separates them, these 3 do" in planned.description
+    tables = tomllib.loads("\n".join(planned.facts))["trials"]
+    assert tuple(tables) == planned.trials
+    assert sum(table.get("unhooked", False) for table in tables.values()) == 2
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_every_setting_stays_within_the_limits_of_a_rig_that_made_the_data(
+    baseline_fit: BaselineFit, tmp_path: Path, share: float
+) -> None:
+    """Those beyond the range of the data stay within the stops."""
+    comparison = Comparison(weights_and_springs(baseline_fit, 0.4))
+    records = comparison.problem.plant.records
+    motor = np.array([[np.ptp(r.motor_angle), r.motor_angle.mean()] for r in records])
+    speed = max(np.max(np.abs(np.gradient(r.motor_angle, r.dt))) for r in records)
+    swing = 0.5 * motor[:, 0].max()
+    # The joint follows by half the wind-up that the pretension allows.
+    reach = swing * BENCH.motor_radius / BENCH.joint_radius + 0.1
+    limits = Limits(4.0, 40.0, speed, (-reach, reach))
+    drive: Any = SimpleNamespace(ratio=1.0)
+    pairs = zip(LEAST, MOST, strict=True)
+    settings = TrialSettings(*(low + share * (high - low) for low, high in pairs))
+    for motion in comparison.trials(settings):
+        planned = NextExperiment(motion.description, (), "", ("trial_09",))
+        write_proposed(tmp_path, planned, [motion], "")
+        (trial,) = read_plan(tmp_path)
+        if motion.hard and not motion.load_cell:
+            assert np.max(np.abs(trial.joint)) <= BENCH.span[1]
+            continue
+        trial.require_within(limits, drive)
+        if motion.pretension == 0.0:
+            continue
+        assert 0.0 < motion.pretension <= 1.0
+        cables = tuple(
+            cable.replace(pretension=motion.pretension * cable.pretension)
+            for cable in BENCH.cables
+        )
+        played = replace(BENCH, cables=cables).transmission.replay(
+            MOTION_STEP, motor_angle=trial.motor, joint_angle=trial.joint
+        )
+        most = max(played.tension_proximal.max(), played.tension_distal.max())
+        assert most < 4.0 * BENCH.cables[0].pretension, motion.description
 
 
 def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
@@ -163,7 +224,7 @@ def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
     """Without the effect, the model error would inflate the noise floor."""
     found, rivals = sprung
     assert found.crossed.misfit > 3.0
-    for problem, _ in rivals.fitted:
+    for problem, _ in Comparison(rivals).fitted:
         assert problem.weight > 2.0 * found.problem.weight
         assert problem.inflation < found.problem.inflation
 
@@ -171,21 +232,22 @@ def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
 def test_a_fit_to_old_and_new_trials_keeps_its_bounds(
     baseline_fit: BaselineFit,
 ) -> None:
-    """An offset beyond the bound of the baseline remains as a residual."""
-    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    """An offset beyond either bound of the baseline remains as a residual."""
+    problem, x = baseline_fit.problem, baseline_fit.whole.x.copy()
     (record, *_) = problem.plant.records
-    (shown,) = problem.plant.limited([record]).simulate(problem.values(x))
     index = problem.names.index("joint_torque_offset")
     most = problem.tuned[index].value(problem.tuned[index].high)
     noise = np.array([[0.02], [0.02]])
-    nothing = np.zeros((0, x.size))
-    new = replace(record, measured=shown)
-    for size, least in ((0.5, 0.0), (20.0, 0.5)):
+    others = 1e9 * np.delete(np.eye(x.size), index, axis=0)  # which have to stay
+    x[index] = 0.9 * problem.tuned[index].high
+    (shown,) = problem.plant.limited([record]).simulate(problem.values(x))
+    for size, beyond in ((0.05, 0.0), (0.5, 0.4), (-0.5, 0.0), (-20.0, 18.1)):
         apart = np.zeros(shown.shape)
         apart[1] = size * most / noise[1]
-        left = refit_difference(problem, x, new, noise, nothing, apart)
+        given = [record], [shown], noise, others, apart
+        left = refit_difference(problem, x, *given)
         part = np.linalg.norm(left) / np.linalg.norm(apart)
-        assert part < 0.05 if least == 0.0 else part > least
+        assert part == pytest.approx(abs(beyond / size), abs=0.01)
 
 
 def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -> None:
@@ -206,6 +268,6 @@ def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -
     noise = np.array([[0.02], [0.02]])
     apart = (shown[1] - shown[0]) / noise
     nothing = np.zeros((0, x.size))
-    new = replace(record, measured=shown[0])
-    left = refit_difference(problem, x, new, noise, nothing, apart)
+    given = [record], shown[:1], noise, nothing, apart
+    left = refit_difference(problem, x, *given)
     assert np.linalg.norm(left) < 0.1 * np.linalg.norm(apart)

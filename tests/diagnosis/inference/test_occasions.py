@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis._phrases import MINUS, plain_name
 from cc_mujoco.diagnosis._propose.experiment import (
     as_record,
     motions,
-    next_trial_name,
+    next_trial_names,
     trial_table,
 )
 from cc_mujoco.diagnosis._rig.records import prepare
@@ -84,7 +84,7 @@ def test_a_proposed_trial_is_of_the_last_occasion_and_has_a_free_name() -> None:
     march, june = (on(name, dataset(duration=1.0)) for name in ("March", "June"))
     records, _ = prepare(replace(march, trials=march.trials + june.trials), BENCH)
     named = (*records[:-1], replace(records[-1], trial="June/trial_01"))
-    assert next_trial_name(named) == "trial_02"
+    assert next_trial_names(named, 2) == ("trial_02", "trial_03")
     plant: Any = SimpleNamespace(plant=SimulatedRig(BENCH, named, 4))
     motion = motions(BENCH, 0.8, 3.0)[0]
     proposed = as_record(plant, motion)

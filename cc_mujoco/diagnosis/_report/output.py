@@ -293,7 +293,7 @@ def _provenance(folder: Path) -> Mapping[str, Any] | None:
 
 def preload_drawing() -> None:
     def load() -> None:
-        drawing = "matplotlib.backends.backend_agg", "scipy.cluster.hierarchy"
+        drawing = "matplotlib.backends.backend_agg", "matplotlib.figure"
         for name in (*drawing, "cc_mujoco.diagnosis._report.recording"):
             with suppress(Exception):  # reported where it is used
                 import_module(name)

@@ -125,7 +125,7 @@ def load(
                 "it again if it lacks what it was to show."
             )
             findings.append(warning(message, name))
-        findings += readings.check_recording(recording, facts, file, alone)
+        readings.check_recording(recording, facts, file, alone)
         track = decimate(recording, track)
         if bench is not None:
             other_axes.take_off(recording, track)

@@ -16,7 +16,7 @@ import numpy as np
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import GAP_FACTOR
-from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
+from cc_mujoco.datasets._data_findings import DataFinding, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._glitches import leaps
 from cc_mujoco.datasets._load_cells import SingleCell
@@ -41,19 +41,21 @@ _LOAD_KINDS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
 
 def check_recording(
     recording: Recording, facts: TrialFacts, file: DatasetFile, alone: bool = False
-) -> Findings:
-    """Run all checks of a recording; `alone` if the rig has a single cable."""
-    return [
-        *_check_locked(recording, facts),
-        *_check_constants(recording, facts),
-        *_check_clipping(recording, alone),
-        *_check_degrees(recording, file),
-        *_check_turnovers(recording),
-        *_check_leaps(recording),
-        *_check_second_clock(recording, file),
-        *_check_copied_loads(recording),
-        *_check_copied_rows(recording),
-    ]
+) -> None:
+    """Add the findings on a recording to it; `alone` if the rig has a single cable."""
+    _check_locked(recording, facts)
+    _check_constants(recording, facts)
+    _check_clipping(recording, alone)
+    for channel in channels.ANGLES[::-1]:
+        if channel in recording.values:
+            _check_degrees(recording, file, channel)
+    for check in (_check_turnovers, _check_leaps):
+        for channel in channels.ANGLES:
+            if channel in recording.values:
+                check(recording, channel)
+    _check_second_clock(recording, file)
+    _check_copied_loads(recording)
+    _check_copied_rows(recording)
 
 
 def check_trials(trials: Sequence[Trial], alone: bool = False) -> Findings:
@@ -240,18 +242,18 @@ def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
             yield error(message, trial.name, channel)
 
 
-def _check_locked(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
+def _check_locked(recording: Recording, facts: TrialFacts) -> None:
     channel = _ANGLES.get(facts.locked or "", "")
     values = recording.values.get(channel, np.zeros(0))
     if (moved := _robust_range(values)) > Limit.locked_range:
-        message = (
-            f"{recording.column(channel)} moves by {moved:.3g} rad, though "
-            f"locked = {facts.locked!r} says that it was held fast."
+        problem = (
+            f" moves by {moved:.3g} rad, though locked = {facts.locked!r} says that it "
+            "was held fast."
         )
-        yield error(message, recording.name, channel)
+        recording.report("error", problem, channel)
 
 
-def _check_constants(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
+def _check_constants(recording: Recording, facts: TrialFacts) -> None:
     sides = {channel: side for side, channel in _ANGLES.items()}
     known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
     for channel, values in recording.values.items():
@@ -266,11 +268,11 @@ def _check_constants(recording: Recording, facts: TrialFacts) -> Iterator[DataFi
         advice = "check the sensor"
         if side:
             advice += f", or declare locked = {side!r} if it was held fast"
-        where = f"{recording.column(channel)} is {highest:.6g} in every row"
-        yield error(f"{where}; {advice}.", recording.name, channel)
+        problem = f" is {highest:.6g} in every row; {advice}."
+        recording.report("error", problem, channel)
 
 
-def _check_clipping(recording: Recording, alone: bool) -> Iterator[DataFinding]:
+def _check_clipping(recording: Recording, alone: bool) -> None:
     for channel, values in recording.values.items():
         kind = channels.kind_of(channel)
         if kind not in _LOAD_KINDS:
@@ -296,91 +298,76 @@ def _check_clipping(recording: Recording, alone: bool) -> Iterator[DataFinding]:
             lengths = edges[1::2] - edges[::2]
             flat = lengths[lengths >= Limit.min_clip_length]
             if len(flat) > 1 or (len(flat) and flat[0] >= 4 * Limit.min_clip_length):
-                message = (
-                    f"{recording.column(channel)} stays at {extreme:.6g} in "
-                    f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these "
-                    "rows invalid."
+                problem = (
+                    f" stays at {extreme:.6g} in {flat.sum()} rows, as if cut off "
+                    f"{side}; {mend} or mark these rows invalid."
                 )
-                yield error(message, recording.name, channel)
+                recording.report("error", problem, channel)
 
 
-def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:
-    turns_of = (Limit.max_joint_turns, Limit.max_motor_turns)
-    for channel, most in zip(channels.ANGLES[::-1], turns_of, strict=True):
-        values = recording.values.get(channel, np.zeros(0))
-        turns = _robust_range(values) / math.tau
-        if turns <= most:
-            continue
-        label = recording.labels.get(channel, channel)
-        declared = file.source(channel).unit or file.unit(channel, label) == "deg"
-        how = (
-            f" if it is in radians; declare [columns.{channel}] unit = 'deg' if it is "
-            "in degrees, or 'rad'"
+def _check_degrees(recording: Recording, file: DatasetFile, channel: str) -> None:
+    joint = channel == channels.JOINT_ANGLE
+    turns = _robust_range(recording.values[channel]) / math.tau
+    if turns <= (Limit.max_joint_turns if joint else Limit.max_motor_turns):
+        return
+    label = recording.labels.get(channel, channel)
+    if file.source(channel).unit or file.unit(channel, label) == "deg":
+        recording.report("warning", f" covers {turns:.3g} turns, as declared.", channel)
+        return
+    problem = (
+        f" covers {turns:.3g} turns if it is in radians; declare [columns.{channel}] "
+        "unit = 'deg' if it is in degrees, or 'rad'."
+    )
+    recording.report("error", problem, channel)
+
+
+def _check_turnovers(recording: Recording, channel: str) -> None:
+    steps = np.abs(np.diff(recording.values[channel]))
+    steps = steps[np.isfinite(steps)]
+    jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < Limit.max_angle_step))
+    # A motor that turns as far in one sample as in the next is fast.
+    if jumps and np.quantile(steps, 0.9) <= Limit.max_angle_step:
+        problem = (
+            f" jumps by a full turn {jumps} times, as an encoder does that begins anew "
+            "after each; make it continuous before (numpy.unwrap)."
         )
-        message = (
-            f"{recording.column(channel)} covers {turns:.3g} turns"
-            f"{', as declared' if declared else how}."
-        )
-        finding = warning if declared else error
-        yield finding(message, recording.name, channel)
+        recording.report("error", problem, channel)
 
 
-def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:
-    for channel in channels.ANGLES:
-        if channel not in recording.values:
-            continue
-        steps = np.abs(np.diff(recording.values[channel]))
-        steps = steps[np.isfinite(steps)]
-        jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < Limit.max_angle_step))
-        # A motor that turns as far in one sample as in the next is fast.
-        if not jumps or np.quantile(steps, 0.9) > Limit.max_angle_step:
-            continue
-        message = (
-            f"{recording.column(channel)} jumps by a full turn {jumps} times, as an "
-            "encoder does that begins anew after each; make it continuous before "
-            "(numpy.unwrap)."
-        )
-        yield error(message, recording.name, channel)
-
-
-def _check_leaps(recording: Recording) -> Iterator[DataFinding]:
-    for channel in channels.ANGLES:
-        if channel not in recording.values:
-            continue
-        values = recording.values[channel]
-        time = recording.clocks.get(channel, recording.values[channels.TIME])
-        rows = leaps(values)
-        interval = np.diff(time)
-        rows = rows[interval[rows - 1] < GAP_FACTOR * np.median(interval)]
-        turn = np.abs(np.abs(values[rows] - values[rows - 1]) - 2.0 * math.pi)
-        rows = rows[turn > Limit.max_angle_step]
-        if not rows.size:
-            continue
+def _check_leaps(recording: Recording, channel: str) -> None:
+    values = recording.values[channel]
+    time = recording.clocks.get(channel, recording.values[channels.TIME])
+    rows = leaps(values)
+    interval = np.diff(time)
+    rows = rows[interval[rows - 1] < GAP_FACTOR * np.median(interval)]
+    turn = np.abs(np.abs(values[rows] - values[rows - 1]) - 2.0 * math.pi)
+    rows = rows[turn > Limit.max_angle_step]
+    if rows.size:
         row = int(rows[0])
         more = f", and {rows.size - 1} times more" if rows.size > 1 else ""
-        message = (
-            f"{recording.column(channel)} leaps from {values[row - 1]:.4g} to "
-            f"{values[row]:.4g} rad at {time[row]:.6g} s (row {row + 1}){more}, as an "
-            "encoder does that slips or is zeroed; correct the rows after it, or name "
-            "the stretch before it as `valid` in dataset.toml."
+        problem = (
+            f" leaps from {values[row - 1]:.4g} to {values[row]:.4g} rad at "
+            f"{time[row]:.6g} s (row {row + 1}){more}, as an encoder does that slips "
+            "or is zeroed; correct the rows after it, or name the stretch before it as "
+            "`valid` in dataset.toml."
         )
-        yield doubt(message, recording.name, channel)
+        recording.report("doubt", problem, channel)
 
 
-def _check_copied_loads(recording: Recording) -> Iterator[DataFinding]:
+def _check_copied_loads(recording: Recording) -> None:
     loads = [c for c in recording.values if channels.kind_of(c) in _LOAD_KINDS]
     for channel, other in itertools.combinations(loads, 2):
         one, two = recording.values[channel], recording.values[other]
         if _robust_range(one) > 0.0 and np.array_equal(one, two, equal_nan=True):
-            message = (
-                f"{recording.column(other)} holds the readings of column "
+            problem = (
+                " holds the readings of column "
                 f"{recording.labels.get(channel, channel)}, in every row; record both, "
                 "each by its own sensor."
             )
-            yield error(message, recording.name, other)
+            recording.report("error", problem, other)
 
 
-def _check_copied_rows(recording: Recording) -> Iterator[DataFinding]:
+def _check_copied_rows(recording: Recording) -> None:
     kinds = channels.ANGLE, *_LOAD_KINDS
     able = [c for c in recording.values if channels.kind_of(c) in kinds]
     known = [recording.values[c] for c in able if c not in recording.clocks]
@@ -402,12 +389,12 @@ def _check_copied_rows(recording: Recording) -> Iterator[DataFinding]:
     first_part, part = slice(before, before + end - start), slice(start, end)
     if not all(np.array_equal(v[first_part], v[part], equal_nan=True) for v in known):
         return  # sums of different rows are equal by chance
-    message = (
-        f"{recording.path} has the rows {before + 1} to {before + end - start} again "
-        f"as rows {start + 1} to {end}, from {time[start]:.6g} s on; a copy is no "
-        "repeat, so take it out or record it."
+    problem = (
+        f" has the rows {before + 1} to {before + end - start} again as rows "
+        f"{start + 1} to {end}, from {time[start]:.6g} s on; a copy is no repeat, so "
+        "take it out or record it."
     )
-    yield doubt(message, recording.name)
+    recording.report("doubt", problem)
 
 
 def _robust_range(values: FloatArray) -> float:
@@ -419,20 +406,17 @@ def _robust_range(values: FloatArray) -> float:
     return float(high - low)
 
 
-def _check_second_clock(recording: Recording, file: DatasetFile) -> Findings:
+def _check_second_clock(recording: Recording, file: DatasetFile) -> None:
     declared = {file.source(channel).clock for channel in recording.values}
     used = {*declared, *recording.labels.values()}
-    return [
-        error(
-            f"{recording.path} has times of its own in column {name}; say in "
-            f"dataset.toml which channels they belong to: clock = {name!r}.",
-            recording.name,
-        )
-        for name in recording.names
-        if name not in used
-        and re.search("motor|joint|handle|output|tension|torque|angle", name, re.I)
-        and re.search("time|clock|stamp", name, re.I)
-    ]
+    for name in recording.names:
+        drive = re.search("motor|joint|handle|output|tension|torque|angle", name, re.I)
+        if name not in used and drive and re.search("time|clock|stamp", name, re.I):
+            problem = (
+                f" has times of its own in column {name}; say in dataset.toml which "
+                f"channels they belong to: clock = {name!r}."
+            )
+            recording.report("error", problem)
 
 
 def _check_motion(trial: Trial) -> Iterator[DataFinding]:

@@ -188,7 +188,8 @@ def residual_changes(
 ) -> FloatArray:
     """Return residual changes (k, residuals) by torques (k, 2, samples) [N m]."""
     pairs = zip(changes, steep, strict=True)
-    parts = [(c[:, :, mask] * each).reshape(len(c), -1) for c, (each, mask) in pairs]
+    kept = ((c.compress(mask, axis=2), each) for c, (each, mask) in pairs)
+    parts = [(own * each).reshape(len(own), -1) for own, each in kept]
     return np.concatenate(parts, axis=1)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from hypothesis import strategies as st
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._channels import MAIN_CHANNELS
 from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.diagnosis import load
 from cc_mujoco.diagnosis._checks import readings
 from diagnosis.bench import loaded, one, only_fix, recording, write
@@ -183,10 +182,12 @@ def test_rows_whose_sums_are_equal_are_no_copies() -> None:
         "motor_angle_rad": np.append(first, late[0]),
         "joint_angle_rad": np.append(other, late[1]),
     }
-    made: Any = SimpleNamespace(values=values, clocks={}, rows=400, path="a", name="a")
-    assert list(readings._check_copied_rows(made)) == []
+    made = Recording("a", Path("a"), "", values, {}, {}, [])
+    readings._check_copied_rows(made)
+    assert made.findings == []
     values["motor_angle_rad"][200:], values["joint_angle_rad"][200:] = first, other
-    assert len(list(readings._check_copied_rows(made))) == 1
+    readings._check_copied_rows(made)
+    assert len(made.findings) == 1
 
 
 def test_a_load_that_is_another_one_is_refused(tmp_path: Path) -> None:

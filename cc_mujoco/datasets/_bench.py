@@ -48,64 +48,40 @@ class Bench:
 
     The cables' own torque and angle at the output joint count positive where `names[0]`
     pulls.
-
-    Attributes:
-        path: path of the scene.
-        sha256: SHA-256 of its text.
-        names: names of the plugin instances; the one that pulls the joint positive
-            first.
-        cables: configured cables, in the order of `names`.
-        motor: name of the motor's joint.
-        joint: name of the output joint.
-        motor_radius: radius of the motor's pulley [m].
-        joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
-        lever: lever that the cable pulls in place of a pulley, or None.
-        led: parts of the cables that move with the joint, see `Leading`.
-        others: names of other joints that move the cables; trials record their angles.
-        pulled_by: cables of other axes that pull at the output joint too.
-        stops: range (low, high) of each of `others` [rad], infinite without stops.
-        strangers: names of the scene's cables that are not of this axis.
-        angle_columns: by name of another axis's joint, the column of its angle in a
-            log of the device.
-        span: output joint angles (low, high) at which the scene is valid [rad].
-        drawn_radius: `joint_radius` before `[rig]` replaces it [m].
-        axis: name of the axis of a device with several; "" for a device with one.
-        centre: joint angle about which a planned motion goes [rad].
-        reach: largest excursion of a planned motion from `centre` [rad]; infinite
-            without stops.
-        arm: a, b of the moment arm 1 + a q + b q^2 relative to that at joint angle
-            q = 0, from `[rig] angle_pairs`; () without pairs.
-        ends_held: True if both cable ends are fixed while a drum or the conduit moves,
-            so that one measured angle serves for both ends.
-        torque_noise: standard deviation of the joint's torque sensor, 0 where the
-            description gives none [N m].
-        exit_angle: angle around the motor's pulley from the point where the agonist
-            cable leaves it to the point where the antagonist does [rad].
     """
 
-    path: Path
-    sha256: str
-    names: tuple[str, ...]
-    cables: tuple[Cable, ...]
-    motor: str
-    joint: str
-    motor_radius: float
-    joint_radius: float
-    lever: Lever | None = None
+    path: Path  # path of the scene
+    sha256: str  # SHA-256 of its text
+    names: tuple[str, ...]  # plugin instances, first the one that pulls positive
+    cables: tuple[Cable, ...]  # configured cables, in the order of `names`
+    motor: str  # name of the motor's joint
+    joint: str  # name of the output joint
+    motor_radius: float  # radius of the motor's pulley [m]
+    joint_radius: float  # radius of the joint's pulley, or arm of its lever at 0 [m]
+    lever: Lever | None = None  # that the cable pulls in place of a pulley
+    # Angle around the motor's pulley from the point where the agonist cable leaves it
+    # to the point where the antagonist does [rad]
     exit_angle: float = math.pi
-    led: Leading = ""
-    span: tuple[float, float] = (-math.inf, math.inf)
-    drawn_radius: float = math.nan
-    axis: str = ""
-    centre: float = 0.0
+    led: Leading = ""  # parts of the cables that move with the joint, see `Leading`
+    span: tuple[float, float] = (-math.inf, math.inf)  # valid joint angles [rad]
+    drawn_radius: float = math.nan  # `joint_radius` before `[rig]` replaces it [m]
+    axis: str = ""  # name of the axis of a device with several
+    centre: float = 0.0  # joint angle about which a planned motion goes [rad]
+    # Largest excursion of a planned motion from `centre` [rad]; infinite without stops
     reach: float = math.inf
+    # Coefficients a, b of the moment arm 1 + a q + b q^2 over that at joint angle 0,
+    # from `[rig] angle_pairs`; () without pairs
     arm: tuple[float, ...] = ()
+    # True if both cable ends are fixed while a drum or the conduit moves, so that one
+    # measured angle serves for both ends
     ends_held: bool = False
+    # Standard deviation of the joint's torque sensor, 0 if unknown [N m]
     torque_noise: float = 0.0
-    others: tuple[str, ...] = ()
-    pulled_by: tuple[PullingCable, ...] = ()
-    stops: tuple[tuple[float, float], ...] = ()
-    strangers: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()  # other joints that move the cables, and are recorded
+    pulled_by: tuple[PullingCable, ...] = ()  # other axes' cables at the output joint
+    stops: tuple[tuple[float, float], ...] = ()  # range of each of `others` [rad]
+    strangers: tuple[str, ...] = ()  # cables of the scene that are not of this axis
+    # By name of another axis's joint, the column of its angle in a log of the device
     angle_columns: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     @property

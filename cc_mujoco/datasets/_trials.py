@@ -63,110 +63,71 @@ class Constant(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Sensor noise of a channel, in its SI unit.
+    """Sensor noise of a channel, in its SI unit."""
 
-    Attributes:
-        deviation: standard deviation of the sensor noise, quantisation included.
-        resolution: quantisation step, 0 if the readings show none.
-        source: source of the deviation: `declared`, from `holds` (stretches without
-            motion) or from `differences` of neighbouring samples.
-    """
-
-    deviation: float
-    resolution: float
+    deviation: float  # standard deviation of the sensor noise, quantisation included
+    resolution: float  # quantisation step, 0 if the readings show none
+    # Source of the deviation: `declared`, from `holds` (stretches without motion) or
+    # from `differences` of neighbouring samples
     source: Literal["declared", "holds", "differences"]
 
 
 @dataclass(frozen=True)
 class TrialFacts:
-    """Declarations of `dataset.toml` for one trial.
+    """Declarations of `dataset.toml` for one trial."""
 
-    Attributes:
-        split: permitted use of the trial; None leaves it to the program.
-        repeat_of: name of the trial that this one repeats.
-        pretension: pretension of the cables at rest [N].
-        unhooked: True if the cables were taken off, so that they connect nothing.
-        known_motor_torque: torque that the motor puts into its pulley to hold a known
-            weight there [N m].
-        known_joint_torque: torque that a known weight in place of the cable puts into
-            the joint [N m].
-        swapped: True if the two torque sensors had changed places.
-        load_cell: channel of a load cell in one cable (`tension_<cable>_proximal_n`),
-            which is compared in place of the torque at that end; "" without one.
-        temperature: temperature of the rig [degC].
-        locked: the side that was held fast, so that its angle is constant.
-        tilt: angle by which the rig was turned about the joint's axis, positive as the
-            joint is [rad].
-        occasion: name of the day or session; trials of one occasion share friction,
-            pretension, offsets and clocks. "" where there is one occasion.
-        valid: stretches of time that count (from, to) [s]; None is all.
-        notes: remarks for a human reader.
-    """
-
-    split: Split | None = None
-    repeat_of: str | None = None
-    pretension: float | None = None
-    unhooked: bool = False
+    split: Split | None = None  # permitted use; None leaves it to the program
+    repeat_of: str | None = None  # name of the trial that this one repeats
+    pretension: float | None = None  # pretension of the cables at rest [N]
+    unhooked: bool = False  # True if the cables were taken off and connect nothing
+    # Torque that the motor puts into its pulley to hold a known weight there [N m]
     known_motor_torque: float = 0.0
+    # Torque that a known weight in place of the cable puts into the joint [N m]
     known_joint_torque: float = 0.0
-    swapped: bool = False
+    swapped: bool = False  # True if the two torque sensors had changed places
+    # Channel of a load cell in one cable (`tension_<cable>_proximal_n`), which is
+    # compared in place of the torque at that end; "" without one
     load_cell: str = ""
-    temperature: float | None = None
-    locked: Locked | None = None
+    temperature: float | None = None  # temperature of the rig [degC]
+    locked: Locked | None = None  # side that was held fast, at a constant angle
+    # Turn of the rig about the joint's axis, positive as the joint is [rad]
     tilt: float | None = None
+    # Name of the day or session; trials of one occasion share friction, pretension,
+    # offsets and clocks; "" where there is one occasion
     occasion: str = ""
+    # Stretches of time that count (from, to) [s]; None is all
     valid: tuple[tuple[float, float], ...] | None = None
-    notes: str = ""
+    notes: str = ""  # remarks for a human reader
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One recording. Arrays have one entry per sample and are finite in segments.
+    """One recording. Arrays have one entry per sample and are finite in segments."""
 
-    Attributes:
-        name: file name without suffix, with as many folders as make it unique.
-        time: (samples,) [s], as recorded.
-        motor_angle: (samples,) [rad]; (0,) if it is not measured.
-        motor_torque: (samples,) [N m], motor into its pulley; None if it is not known.
-        joint_angle: (samples,) [rad].
-        joint_torque: (samples,) [N m], transmission into joint; None if it is not
-            known.
-        segments: valid stretches in order, each sampled at `step` without a gap.
-        step: time between samples [s].
-        tensions: (samples,) [N] each, by channel (`tension_<cable>_proximal_n`).
-        others: (samples,) [rad] each, of other joints that move cables, by channel
-            (`<joint>_angle_rad`).
-        temperature: (samples,) [degC], or None.
-        motor_current: (samples,) [A], or None.
-        facts: facts stated in `dataset.toml`.
-        path: the file.
-        sha256: SHA-256 of the file's bytes, hexadecimal.
-        labels: by channel, the name of its column in the file.
-        paths: by channel, its file if that is not `path`.
-        digits: by channel, the quantisation step of the raw readings, 0 if they show
-            none. A channel without an entry was not resampled.
-        columns: (samples,) each, of further columns requested by effects, by name, as
-            they are in the file.
-    """
-
-    name: str
-    time: FloatArray
-    motor_angle: FloatArray
-    motor_torque: FloatArray | None
-    joint_angle: FloatArray
-    joint_torque: FloatArray | None
-    segments: tuple[slice, ...]
-    step: float
+    name: str  # file name without suffix, with as many folders as make it unique
+    time: FloatArray  # (samples,) [s], as recorded
+    motor_angle: FloatArray  # (samples,) [rad]; (0,) if it is not measured
+    motor_torque: FloatArray | None  # (samples,) [N m], into the pulley, if known
+    joint_angle: FloatArray  # (samples,) [rad]
+    joint_torque: FloatArray | None  # (samples,) [N m], into the joint, if known
+    segments: tuple[slice, ...]  # valid stretches in order, each without a gap
+    step: float  # time between samples [s]
+    # (samples,) [N] each, by channel (`tension_<cable>_proximal_n`)
     tensions: Mapping[str, FloatArray] = field(default_factory=dict)
+    # (samples,) [rad] each, of other joints that move cables, by channel
+    # (`<joint>_angle_rad`)
     others: Mapping[str, FloatArray] = field(default_factory=dict)
-    temperature: FloatArray | None = None
-    facts: TrialFacts = field(default_factory=TrialFacts)
-    path: str = ""
-    sha256: str = ""
-    labels: Mapping[str, str] = field(default_factory=dict)
-    paths: Mapping[str, str] = field(default_factory=dict)
-    motor_current: FloatArray | None = None
+    temperature: FloatArray | None = None  # (samples,) [degC], or None
+    facts: TrialFacts = field(default_factory=TrialFacts)  # of `dataset.toml`
+    path: str = ""  # the file
+    sha256: str = ""  # SHA-256 of the file's bytes, hexadecimal
+    labels: Mapping[str, str] = field(default_factory=dict)  # columns by channel
+    paths: Mapping[str, str] = field(default_factory=dict)  # files besides `path`
+    motor_current: FloatArray | None = None  # (samples,) [A], or None
+    # By channel, the quantisation step of the raw readings, 0 if they show none. A
+    # channel without an entry was not resampled
     digits: Mapping[str, float] = field(default_factory=dict)
+    # (samples,) each, of further columns that effects take, as they are in the file
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -228,27 +189,18 @@ class Trial:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Trials of one rig.
+    """Trials of one rig."""
 
-    Attributes:
-        trials: trials in the order of their files; those that could not be read are
-            missing.
-        constants: known constants of the rig by name (see `RIG_CONSTANTS`), SI.
-        noise: sensor noise by channel.
-        name: name of the data.
-        notes: remarks for a human reader.
-        instruments: sources of both torques, the same in all trials.
-        path: the `dataset.toml`, empty if there is none.
-        sha256: SHA-256 of its bytes.
-    """
-
+    # Trials in the order of their files; those that could not be read are missing
     trials: tuple[Trial, ...]
+    # Known constants of the rig by name (see `RIG_CONSTANTS`), SI
     constants: Mapping[str, Constant] = field(default_factory=dict)
-    noise: Mapping[str, Noise] = field(default_factory=dict)
-    name: str = ""
-    notes: str = ""
-    path: str = ""
-    sha256: str = ""
+    noise: Mapping[str, Noise] = field(default_factory=dict)  # sensor noise by channel
+    name: str = ""  # name of the data
+    notes: str = ""  # remarks for a human reader
+    path: str = ""  # the `dataset.toml`, empty if there is none
+    sha256: str = ""  # SHA-256 of its bytes
+    # Sources of both torques, the same in all trials
     instruments: Instruments = TORQUE_SENSORS
 
     @property

@@ -141,6 +141,8 @@ def recording(
     """
     with replacing(path) as partial, strict():
         own: Any = {"recording_id": identity, "send_properties": False}
+        # By size alone: cut by time, recordings of equal data would differ.
+        own["batcher_config"] = rr.ChunkBatcherConfig(flush_tick=1e6)
         rec = rr.RecordingStream("cc_mujoco", **own)
         saved = _saved_on_windows if sys.platform == "win32" else _saved
         with saved(rec, partial):

@@ -454,11 +454,8 @@ def _cable_connections(
         if ends and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
             where = f"scene {path}: cable {name}"
             gear, tendon = float(actuator.gear[0]), str(actuator.target)
-            row, is_open = (
-                int(model.tendon(tendon).id),
-                path_motion(cable) in OPEN_PATHS,
-            )
-            if is_open and route_tendon(model, name) == row:
+            row = int(model.tendon(tendon).id)
+            if path_motion(cable) in OPEN_PATHS and route_tendon(model, name) == row:
                 turned, arm, lever = tied_joint(model, name, where, driven)
             else:
                 turned, arm, lever = lever_of(model, tendon, gear, where, driven)

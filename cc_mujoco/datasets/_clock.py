@@ -30,8 +30,6 @@ from cc_mujoco.datasets._trials import FloatArray, TrialFacts
 
 
 class _Limits(NamedTuple):
-    """Limits on the times of a recording, beyond which it is refused or reported."""
-
     missing: float = 0.3  # largest share of times, or of a channel's readings
     run: int = 20  # rows in order that are a recording of their own
     rate: float = 25.0  # data below are of no use [Hz]
@@ -95,19 +93,19 @@ def _row_order(
             f"{rows[k + 1] + 1}"
             f"{f', and {len(back) - 1} more times' if len(back) > 1 else ''}"
         )
+        refusal = ""
         if _covers_time_twice(time[rows], back):
-            advice = (
+            refusal = (
                 "; time must increase, so split recordings that were joined and bring "
                 "channels to one clock."
             )
-            report("error", problem + advice)
-            return None
-        if len(back) > 0.9 * (len(rows) - 1):
-            advice = (
+        elif len(back) > 0.9 * (len(rows) - 1):
+            refusal = (
                 ": time runs backwards; reverse the rows, or correct the clock if it "
                 "counts down."
             )
-            report("error", problem + advice)
+        if refusal:
+            report("error", problem + refusal)
             return None
         order = np.argsort(time[rows], kind="stable")
         far = int(np.abs(order - np.arange(len(rows))).max()) >= _LIMITS.run

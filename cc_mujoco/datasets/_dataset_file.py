@@ -273,19 +273,15 @@ def _facts(table: Table) -> dict[str, Any]:
         raise table.wrong(
             "pretension", "more than 0 (`unhooked = true`: the cables were off)"
         )
-    if known["unhooked"] and tension is not None:
-        raise CableError(
-            f"{table.where}: cables that were off (`unhooked = true`) have no "
-            "`pretension`; leave one of them out."
-        )
     cell = known["load_cell"]
     if cell is not None and not channels.is_tension(cell):
         raise table.wrong("load_cell", "a channel such as tension_agonist_distal_n")
-    if known["unhooked"] and cell:
-        raise CableError(
-            f"{table.where}: cables that were off (`unhooked = true`) pull at no "
-            "`load_cell`; leave one of them out."
-        )
+    for other, verb in (("pretension", "have"), ("load_cell", "pull at")):
+        if known["unhooked"] and known[other]:
+            raise CableError(
+                f"{table.where}: cables that were off (`unhooked = true`) {verb} no "
+                f"`{other}`; leave one of them out."
+            )
     return {key: value for key, value in known.items() if value is not None}
 
 

@@ -21,8 +21,6 @@ _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
 
 
 class _Thresholds(NamedTuple):
-    """Thresholds beyond which a reading counts as a glitch."""
-
     # It leaves the line through its neighbours by so many usual large changes from one
     # reading to the next. White noise does so once in 10^100 readings.
     change: float = 8.0

@@ -308,10 +308,7 @@ class ErrorRows:
 
 
 def _peak(places: FloatArray, heights: FloatArray) -> float:
-    """Return the place of the largest height, by the parabola through its neighbours.
-
-    Places are evenly spaced.
-    """
+    """Return the largest height's place, by a parabola; places are evenly spaced."""
     top = min(max(int(np.argmax(heights)), 1), heights.size - 2)
     before, most, after = heights[top - 1 : top + 2].tolist()
     bend = before - 2.0 * most + after

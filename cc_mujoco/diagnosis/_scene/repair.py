@@ -489,13 +489,7 @@ def _fill_sensor_history(model: MjModel, data: MjData) -> None:
 def _other_angles(
     model: MjModel, bench: Bench | None, given: Mapping[str, ArrayLike], samples: int
 ) -> dict[str, FloatArray]:
-    """Return the angles (samples,) [rad] of other joints that move the cables, by name.
-
-    They are those `given`; a joint that is not given stays at its `qpos0`.
-
-    Raises:
-        CableError: a name is of no such joint, or its angles do not fit.
-    """
+    """Return the angles (samples,) [rad] of other joints, at `qpos0` if not `given`."""
     names = () if bench is None else bench.others
     if unknown := [name for name in given if name not in names]:
         raise CableError.unknown("joint that moves the cables", unknown[0], names)

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
@@ -53,10 +52,12 @@ def _join_batches(
         for name in names:
             column = batch.column(name)
             if pa.types.is_string(column.type):
+                import pyarrow.compute as pc  # takes long, and few files need it
+
                 words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
                 for word, number in _BOOLEAN_VALUES.items():
                     words = pc.if_else(pc.equal(words, word), number, words)
-                column = pc.cast(words, pa.float64())
+                column = words.cast(pa.float64())
             numbers = column.to_numpy(zero_copy_only=False)
             pieces[name].append(np.array(numbers, dtype=float))
     empty = [np.empty(0)]
@@ -70,7 +71,7 @@ def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
         for name in names:
             column = batch.column(name)
             try:
-                columns.append(pc.cast(column, pa.float64()))
+                columns.append(column.cast(pa.float64()))
             except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
                 raise CableError(
                     f"{path}, column {name} holds {column.type}; it must hold numbers."

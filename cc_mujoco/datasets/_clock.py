@@ -408,15 +408,13 @@ def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
     return SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
 
 
-def decimate(
-    recording: Recording, track: SampledTrack, most: int = 60_000
-) -> SampledTrack:
-    """Return a track of at most `most` samples: average neighbours, then cut windows.
+def decimate(recording: Recording, track: SampledTrack) -> SampledTrack:
+    """Return a track of at most two minutes at 500 Hz.
 
     Blocks of samples are averaged down to 500 Hz at least. If that is not enough, 12
-    windows evenly spread over the track are kept. The default is two minutes at 500 Hz.
+    windows evenly spread over the track are kept.
     """
-    before, rate = sum(track.counts), 1.0 / track.step
+    before, rate, most = sum(track.counts), 1.0 / track.step, 60_000
     if before <= most:
         return track
     remarks = []

@@ -17,21 +17,17 @@ SIGMAS_PER_MEDIAN = 1.4826
 
 
 def velocity(
-    angle: FloatArray,
-    step: float,
-    segments: Iterable[slice] | None = None,
-    span: float = 0.05,
+    angle: FloatArray, step: float, segments: Iterable[slice] | None = None
 ) -> FloatArray:
     """Return the rate of change by a zero-phase Savitzky-Golay filter of second order.
 
-    A parabola is fitted to the samples within `span` around each sample (at least
+    A parabola is fitted to the samples within 0.05 s around each sample (at least
     five); its slope there is the speed (Savitzky and Golay, Anal. Chem. 36, 1964).
 
     Args:
         angle: (samples,) [rad].
         step: time between samples [s].
         segments: stretches without gaps, each filtered by itself; None is all samples.
-        span: length of the window [s].
 
     Returns:
         (samples,) [rad/s]; NaN outside the segments.
@@ -39,11 +35,14 @@ def velocity(
     speed = np.full(len(angle), np.nan)
     for part in [slice(0, len(angle))] if segments is None else segments:
         count = len(angle[part])
-        window = max(5, 2 * (round(span / step) // 2) + 1)
-        window = min(window, 2 * ((count - 1) // 2) + 1)
-        if window > 2:
-            speed[part] = _local_slopes(angle[part], window // 2) / step
+        half = min(_half_window(step), (count - 1) // 2)
+        if half > 0:
+            speed[part] = _local_slopes(angle[part], half) / step
     return speed
+
+
+def _half_window(step: float) -> int:
+    return max(2, round(0.05 / step) // 2)
 
 
 def _local_slopes(values: FloatArray, half: int) -> FloatArray:
@@ -71,5 +70,5 @@ def velocity_noise(deviation: float, step: float) -> float:
 
     `deviation` is that of the angle readings [rad], `step` the sampling time [s].
     """
-    half = max(2, round(0.05 / step) // 2)
+    half = _half_window(step)
     return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

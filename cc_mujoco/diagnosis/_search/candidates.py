@@ -458,9 +458,9 @@ def parted_by_form(
     return bool(np.all(difference <= usual))
 
 
-def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
+def confidence(sums: dict[str, FloatArray], name: str) -> float:
     """Return the share of block bootstraps of `sums` (blocks,) in which `name` wins."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     table = np.array(list(sums.values()))
     place = list(sums).index(name)
     draws = random.integers(0, table.shape[1], (400, table.shape[1]))

@@ -95,6 +95,7 @@ def trajectory(
     limit: float | None = None,
     centre: float = 0.0,
     joints: Mapping[str, tuple[float, float]] | None = None,
+    driven: Sequence[str] = (),
 ) -> Trajectory:
     """Return the trajectory that `given` names, adapted to a device.
 
@@ -114,14 +115,17 @@ def trajectory(
         centre: Angle about which built-in trajectories move [rad].
         joints: Range [rad] by name of the joints that the wearer moves, the driven one
             first; by default joints are not checked.
+        driven: Joints that the device drives, of which a table must move one; the first
+            of `joints` by default.
     """
     require_number("centre", centre, -1e3, 1e3, "rad")
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
-        return _on_joints(read_trajectory(given, tuple(joints or ())), joints)
+        read = read_trajectory(given, tuple(joints or ()), driven)
+        return _on_joints(read, joints, driven)
     kind = "trajectory"
     made = _object(kind, given, TRAJECTORIES, Trajectory, UserTrajectory)
     if made is not None:
-        return _on_joints(made, joints)
+        return _on_joints(made, joints, driven)
     found = with_numbers(kind, str(given), TRAJECTORIES)
     # Names of the parameters in the text; the first may be without.
     pieces = [piece for piece in str(given).partition(":")[2].split(",") if piece]
@@ -131,20 +135,22 @@ def trajectory(
         found = replace(found, amplitude=limit)
     if centre and not isinstance(found, Walk):
         return Centred(found, float(centre))
-    return _on_joints(found, joints)
+    return _on_joints(found, joints, driven)
 
 
 def _on_joints(
-    found: Trajectory, joints: Mapping[str, tuple[float, float]] | None
+    found: Trajectory,
+    joints: Mapping[str, tuple[float, float]] | None,
+    driven: Sequence[str],
 ) -> Trajectory:
     if not joints:
         return found
     if isinstance(found, Disturbed):
-        return replace(found, base=_on_joints(found.base, joints))
+        return replace(found, base=_on_joints(found.base, joints, driven))
     if isinstance(found, Walk):
         return found.on_joints(joints)
     if isinstance(found, Recorded):
-        return found.on_joints(joints)
+        return found.on_joints(joints, driven)
     return found
 
 

@@ -86,12 +86,15 @@ class Recorded(Trajectory):
         return f"{self.source} moves {', '.join(each)}, {signs}"
 
     def on_joints(
-        self, joints: Sequence[str] | Mapping[str, tuple[float, float]]
+        self,
+        joints: Sequence[str] | Mapping[str, tuple[float, float]],
+        driven: Sequence[str] = (),
     ) -> Recorded:
-        """Return the motion with the joints of a device, the driven one first.
+        """Return the motion with the joints of a device, a driven one first.
 
-        With ranges [rad] a coordinate of OpenSim is turned if more of its motion then
-        lies in the range of its joint.
+        The `driven` joints are the first by default; one of them must move. With ranges
+        [rad] a coordinate of OpenSim is turned if more of its motion then lies in the
+        range of its joint.
         """
         ranges, joints = joints if isinstance(joints, Mapping) else {}, tuple(joints)
         every = [(self.joint, self.angles), *self.others]
@@ -100,14 +103,14 @@ class Recorded(Trajectory):
             words = quantity_words(name, ANGLE)[0]
             keys[words] = angles, self.columns[k : k + 1], self.signed[k : k + 1]
         found = match_joints(keys, joints)
-        if joints[0] not in found:
+        if not (first := [j for j in driven or joints[:1] if j in found]):
             names = " and ".join(repr(name) for name, _ in every)
             raise CableError(
                 f"{self.source or 'the recorded motion'} moves {names}, but the device "
                 f"drives the joint {joints[0]!r}; name its column "
                 f"{tables.unit_names(joints[0] + '_angle', ANGLE)}."
             )
-        moved = {name: found[name] for name in joints if name in found}
+        moved = {name: found[name] for name in (*first, *joints) if name in found}
         for name, (angles, column, by_model) in moved.items():
             low, high = ranges.get(name, (0.0, 0.0))
             least, most = min(angles), max(angles)
@@ -115,11 +118,11 @@ class Recorded(Trajectory):
             if any(by_model) and min(-least, high) - max(-most, low) > inside + 1e-9:
                 turned = tuple(f"-{one}".removeprefix("--") for one in column)
                 moved[name] = tuple(-angle for angle in angles), turned, by_model
-        (first, own), *others = ((name, angles) for name, (angles, *_) in moved.items())
+        (main, own), *others = ((name, angles) for name, (angles, *_) in moved.items())
         columns = tuple(one for _, column, _ in moved.values() for one in column)
         signed = tuple(one for *_, by_model in moved.values() for one in by_model)
         about = self.source, columns, signed
-        return Recorded(self.times, own, first, tuple(others), *about)
+        return Recorded(self.times, own, main, tuple(others), *about)
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -179,7 +182,9 @@ _COORDINATES = {
 }
 
 
-def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
+def read_trajectory(
+    path: str | Path, joints: Sequence[str] = (), driven: Sequence[str] = ()
+) -> Recorded:
     """Read a motion from a table with a column of time and columns of angles.
 
     Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to
@@ -187,9 +192,9 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     or `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
     have their units in the header.
 
-    The columns of `joints` are read, of which the device drives the first. By default
-    all columns of angles are read; one without the name of a joint, else the first, is
-    that of the driven joint.
+    The columns of `joints` are read, of which the device drives `driven`, the first by
+    default; one of these must have a column. By default all columns of angles are read;
+    one without the name of a joint, else the first, is that of the driven joint.
     """
     path, side, chosen = tables.split_selection(path)
     names = tables.column_names(path)
@@ -198,6 +203,12 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
         look_up("joint", joint, dict.fromkeys(joints))
     picked = {j: selected_column(path, names, c, ANGLE) for j, c in chosen.items()}
     columns = _angle_columns(path, names, joints, side, picked)
+    main = [joint for joint in driven or joints[:1] if joint in columns]
+    if joints and not main:
+        ways = f"{joints[0]}_angle_deg, or {tables.unit_names('angle', ANGLE)}"
+        ways += f", or give one by --column {joints[0]}=NAME"
+        raise no_column(path, names, f"the angle of joint {joints[0]!r}", ways)
+    columns = {joint: columns[joint] for joint in (*main, *columns)}
     read = [clock._replace(limit=1e6), *columns.values()]
     times, *moved = tables.read_course(path, read, 1e-6)  # least interval [s]
     if len(times) < 4:
@@ -266,10 +277,6 @@ def _angle_columns(
     for joint, bare in match_joints(without, joints, side).items():
         if joint not in {**found, **picked}:
             raise _no_unit(path, bare[0])
-    if joints[0] not in {**found, **picked}:
-        ways = f"{joints[0]}_angle_deg, or {tables.unit_names('angle', ANGLE)}"
-        ways += f", or give one by --column {joints[0]}=NAME"
-        raise no_column(path, names, f"the angle of joint {joints[0]!r}", ways)
     known = [joint for joint in joints if joint in picked or joint in found]
     return {j: picked.get(j) or _single_column(path, found[j]) for j in known}
 

@@ -114,9 +114,13 @@ class Author:
             or (isinstance(source, Recorded) and source.columns)
         )
         for axis, source, task in zip(device.axes, sources, tasks, strict=True):
+            base, limb = unperturbed(source), axis.axis.limb
+            if isinstance(base, Recorded) and base.columns and base.joint:
+                if limb not in (base.joint, *dict(base.others)):
+                    moves[f"{limb} rests"] = None
             if isinstance(task, TableTorque) and task.column:
                 moves[task.describe()] = None
-                _warn_of_sign(axis.axis.limb, unperturbed(source), task)
+                _warn_of_sign(limb, base, task)
         self.note = "; ".join(moves) + "." if moves else ""
         """Sentence on joints that walk, and on what a table gives; empty by default."""
         self.tasks = tuple((task, _is_scripted(task)) for task in tasks)
@@ -215,8 +219,11 @@ class Author:
             if not (commanded or joint in device.movers):  # the body moves by itself
                 motion = resting(motion, device.neutral(joint))
             own = motion.companions.get(joint, motion)
-            recorded = isinstance(unperturbed(source), Recorded)
-            if own is motion and motions and (recorded or motion.companions):
+            base = unperturbed(source)
+            is_other = bool(motions and motion.companions)
+            if isinstance(base, Recorded):  # of one joint, perhaps of another axis
+                is_other = base.joint != joint if base.joint else bool(motions)
+            if own is motion and is_other:
                 own = resting(motion, device.neutral(joint))
             moved[joint] = own
             motions.append(own)

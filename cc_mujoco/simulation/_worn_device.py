@@ -288,9 +288,10 @@ def axis_trajectories(
     description = device.description
     chosen = description.trajectory if given is None else given
     found: list[Trajectory] = []
+    limbs = [axis.limb for axis in description.axes]
     for axis in description.axes:
         # The phase of a walk is that of the first axis.
-        source = trajectory(chosen, axis.reach, axis.centre, device.ranges)
+        source = trajectory(chosen, axis.reach, axis.centre, device.ranges, limbs)
         found.append(next((one for one in found if one == source), source))
     return tuple(found)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,12 @@ import pytest
 from cc_mujoco._utils import tables
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco.cli._play import Play
+from cc_mujoco.device import Plant, find_device
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import Recorded, task, trajectory
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation import simulate
+from cc_mujoco.simulation._worn_device import WornDevice
 
 NOTE = (
     "Units are S.I. units (second, meters, Newtons, ...)\n"
@@ -92,9 +94,9 @@ def played(text: str | Path, joints: Sequence[str] = tuple(RANGES)) -> dict[str,
 
 @pytest.mark.parametrize("writer", [inverse_kinematics, add_biomechanics])
 def test_three_joints_move_alike_whatever_unit_and_model(
-    tmp_path: Path, writer: object
+    tmp_path: Path, writer: Callable[[Path], Path]
 ) -> None:
-    path = writer(tmp_path)  # type: ignore[operator]
+    path = writer(tmp_path)
     found = played(path)
     for joint, expected in (("hip", HIP), ("knee", KNEE), ("ankle", ANKLE)):
         np.testing.assert_allclose(found[joint], expected, atol=1e-7)
@@ -139,6 +141,30 @@ def test_columns_and_side_are_chosen_by_text(tmp_path: Path) -> None:
     for name in (state, "ankle_angle_r/value", "ankle_angle_r", "ankle_angle_r_rad"):
         chosen = played(f"{moco(tmp_path)}:ankle=+{name}", ("ankle",))
         np.testing.assert_allclose(chosen["ankle"], ANKLE, atol=1e-7)
+
+
+@pytest.mark.parametrize("writer", [inverse_kinematics, moco])
+def test_a_file_of_one_leg_moves_that_leg_and_the_other_rests(
+    tmp_path: Path, writer: Callable[[Path], Path]
+) -> None:
+    path = writer(tmp_path)
+    kept = path.read_text().replace("_l\t", "_x\t").replace("_l\n", "_x\n")
+    path.write_text(kept)
+    log = simulate("bilateral", "none", trajectory=str(path), duration=0.1)
+    right, left = (log[f"{s}_ankle.reference_angle_rad"] for s in ("right", "left"))
+    assert right[-1] == pytest.approx(ANKLE[10], rel=0.05) and not left.any()
+    knee = log["right_knee.reference_angle_rad"]
+    assert knee[-1] == pytest.approx(KNEE[10], rel=0.05)
+    device = find_device("bilateral")
+    how: dict[str, Any] = {"trajectory": path, "task": None, "duration": 0.1}
+    worn = WornDevice(device.description, Plant(device).model(), **how)
+    assert "right_ankle by 'ankle_angle_r" in worn.author.note
+    assert "left_ankle rests" in worn.author.note
+    assert "right_ankle rests" not in worn.author.note
+    columns = {"elbow_flex_r": KNEE}
+    alone = write(tmp_path / "k.mot", "inDegrees=no\nendheader\n", columns)
+    with pytest.raises(CableError, match="no column of the angle of joint 'left_hip'"):
+        simulate("bilateral", "none", trajectory=str(alone), duration=0.1)
 
 
 def test_a_moment_whose_motion_is_turned_is_warned_of(tmp_path: Path) -> None:

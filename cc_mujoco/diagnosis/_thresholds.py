@@ -293,6 +293,7 @@ class Limit:
     # Proposed trials.
     decisive_sigmas = 5.0  # Difference, over noise and form, that settles a tie
     searched_trials = 2  # Kinds of trials whose settings are searched
+    sure_share = 0.5  # of the expected difference with which a trial settles for sure
     min_gain = 1.05  # Squared separation per second from which a setting is changed
     setting_steps = (
         2.0,

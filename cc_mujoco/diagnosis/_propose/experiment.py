@@ -143,7 +143,6 @@ def motions(
     dwell = swing * np.interp(time, corners, [0, 1, 1, 0, 0, 1, 1, 0, 0, 1])
     rested = f"rests of {list_words(f'{rest:.2g}' for rest in rests)} s"
     slack = f"pretension at {100.0 * tension:.0f} %"
-    degrees = math.degrees(tilt)
     locked, reversal = min(4.0 * wind, taut_angle), min(2.0 * wind, 0.5 * taut_angle)
     small = triangle(reversal, rate * 0.1)
     still = np.zeros(time.size)
@@ -176,7 +175,9 @@ def motions(
             )
         ]
 
-    turned = f"the rig turned by {degrees:.0f} degrees about the joint's axis"
+    turned = (
+        f"the rig turned by {math.degrees(tilt):.0f} degrees about the joint's axis"
+    )
     unhooked = f"cables off, motor and joint each turned slowly over {span}"
     whole = f"joint free, slow triangle over {span}"
     against = free(give * ladder)
@@ -281,10 +282,9 @@ def trial_table(
 ) -> list[str]:
     """Return the lines of a trial of pretension `tension` [N] in `dataset.toml`."""
     known = [f"pretension = {tension:g}"] if tension else []
-    if occasion:
-        known.append(f'occasion = "{occasion}"')
-    notes = f'notes = "{motion.description}"'
-    return [f'[trials."{name}"]', *known, *motion.toml, notes]
+    known += [f'occasion = "{occasion}"'] if occasion else []
+    known += [*motion.toml, f'notes = "{motion.description}"']
+    return [f'[trials."{name}"]', *known]
 
 
 def write_motion(path: Path, motion: CataloguedTrial) -> None:
@@ -349,16 +349,19 @@ class Expected(NamedTuple):
 
     motions: tuple[CataloguedTrial, ...]
     shown: Arrays  # torques in all of them, one after another, by either model [N m]
-    left: FloatArray  # difference that no tuning removes, over the noise
+    left: FloatArray  # difference that no tuning removes, over the noise; 0 in a run-in
     score: float  # the same over noise and form, in standard deviations
-    settles: tuple[bool, ...]  # whether the tie ends if the better, the worse is true
+    # Whether the tie ends if the better or the worse is true, as expected; and if only
+    # a share of the difference shows
+    settles: tuple[bool, ...]
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, float]:
+    def rank(self) -> tuple[float, ...]:
         """Preference: by what settles the tie, then squared separation per second."""
         hard = any(motion.hard for motion in self.motions)
+        better, worse, *sure = self.settles
         rate = self.score**2 / (MOTION_STEP * self.left.shape[1])
-        return self.settles[0], self.settles[1], not hard, rate
+        return better, worse, not hard, *sure, rate
 
 
 class Comparison:
@@ -397,18 +400,24 @@ class Comparison:
         only the remaining difference beyond the form error of effects counts.
         """
         records = [as_record(self.problem, motion) for motion in trials]
+        counts = np.concatenate([record.counts for record in records])
+        if not counts.any():
+            return None
         shown, without, played = [], [], []
         for (other, x), name in zip(self.fitted, self.rivals.ids, strict=True):
             plant = other.plant.limited(records)
             played.append(replace(other, plant=plant).torques(x))
-            shown.append(np.concatenate(played[-1], axis=1))
+            shown.append(np.concatenate(played[-1], axis=1) * counts)
             rest = [each for each in other.effects if each != name]
             bare = plant.simulate(other.values(x), rest)
-            without.append(np.concatenate(bare, axis=1))
+            without.append(np.concatenate(bare, axis=1) * counts)
         off = (shown[1] - shown[0]) / self.noise
-        unsure = np.hypot(1.0, form_error(shown, without, self.noise))
-        seconds = MOTION_STEP * off.shape[1]
-        least = max(Limit.decisive_sigmas, math.sqrt(least * seconds))
+        pairs = zip(shown, without, strict=True)
+        parts = [(torque - rest)[:, counts] / self.noise for torque, rest in pairs]
+        sizes = [np.mean(part**2, axis=1, keepdims=True) for part in parts]
+        # Noise, and the form error of the effect that shows less
+        unsure = np.sqrt(1.0 + Limit.form_error_share * np.min(sizes, axis=0))
+        least = max(Limit.decisive_sigmas, math.sqrt(least * MOTION_STEP * counts.size))
         score = self._weight * float(np.linalg.norm(off / unsure))
         if score < least:  # refits only make it less
             return None
@@ -423,10 +432,10 @@ class Comparison:
             return None
         ids, before, models, confused = self.rivals
         settles: list[bool] = []
-        for true in self._order:
+        for share, true in itertools.product((1.0, Limit.sure_share), self._order):
             # If one is true, the error of the other one, fitted again, remains.
             made = (shown[true] - without[true]) / self._floor
-            wrong = self.noise / self._floor * lefts[1 - true]
+            wrong = share * self.noise / self._floor * lefts[1 - true]
             none = _with_record(before, records[0], made)
             right = _with_record(models[true], records[0], 0.0 * made)
             rival = _with_record(models[1 - true], records[0], wrong)
@@ -446,7 +455,7 @@ class Comparison:
             f"{self.problem.plant.instruments.channels[row]} differs by "
             f"{sizes[row] * self.noise[row, 0]:.3g} N m RMS even when all "
             f"else is tuned, {format_number(sizes[row])} times the noise; at "
-            f"{most * MOTION_STEP:.1f} s {effect_name(ids[0])} gives "
+            f"{MOTION_STEP * most:.1f} s {effect_name(ids[0])} gives "
             f"{one:.3g} N m and {effect_name(ids[1])} {two:.3g} N m"
         )
         if not best.settles[1]:
@@ -538,25 +547,12 @@ def _with_record(
     plant = problem.plant.limited([*problem.plant.records, more])
     floors, noises = (*problem.floor, floor), (*problem.noise, noise)
     wider = replace(problem, plant=plant, floor=floors, noise=noises)
-    wider = replace(wider, slopes=TorqueDerivatives())
     off = np.hypot(fitting.huber_residual(error), noise / floor)
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
 
 
 def _row_medians(each: Arrays) -> FloatArray:
     return np.median(np.concatenate(each, axis=1), axis=1)[:, None]
-
-
-def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
-    """Return the form error of an effect, relative to the noise (rows, 1).
-
-    `shown` are the torques of a trial (rows, samples) by each of two models, `without`
-    those without the effect, `noise` (rows, 1) that of the torques [N m].
-    """
-    pairs = zip(shown, without, strict=True)
-    parts = [(torque - rest) / noise for torque, rest in pairs]
-    sizes = [np.mean(part**2, axis=1, keepdims=True) for part in parts]
-    return np.asarray(np.sqrt(Limit.form_error_share * np.min(sizes, axis=0)))
 
 
 def motion_record(
@@ -589,7 +585,7 @@ def motion_record(
 
 
 def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
-    """Return a motion as a record on the last occasion of the data."""
+    """Return a motion as a record on the last occasion of the data, with a run-in."""
     records, bench = problem.plant.records, problem.plant.bench
     last = problem.plant.occasions[-1]  # on which it is recorded
     records = tuple(each for each in records if each.occasion == last)
@@ -602,7 +598,10 @@ def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
     columns = {name: np.full(size, np.mean(own)) for name, own in base.columns.items()}
     kept = ("step", "band", "split", "group", "occasion", "conditions")
     known = {name: getattr(base, name) for name in kept}
-    return replace(found, trial="next", columns=columns, **known)
+    travel = np.cumsum(np.abs(np.diff(motion.motor, prepend=motion.motor[0])))
+    run_in = Limit.run_in_travel * wind_up_angle(bench) if motion.pretension else 0.0
+    known |= {"trial": "next", "columns": columns, "counts": travel >= run_in}
+    return replace(found, **known)
 
 
 def refit_difference(
@@ -624,7 +623,8 @@ def refit_difference(
 
     new = replace(problem, plant=problem.plant.limited(records))
     slopes = TorqueDerivatives().of(new, x, range(len(records)), torques)
-    changes = (np.concatenate(slopes, axis=2) / noise).reshape(x.size, -1).T
+    counts = np.concatenate([record.counts for record in records])
+    changes = (np.concatenate(slopes, axis=2) * counts / noise).reshape(x.size, -1).T
     low, high = (
         np.array([getattr(p, k) for p in problem.tuned]) for k in ("low", "high")
     )
@@ -637,4 +637,4 @@ def refit_difference(
     wanted = axes[: difference.size].T @ (problem.weight * difference.ravel())
     change = np.zeros(x.size)
     change[moves] = lsq_linear(short, wanted, bounds).x / size
-    return difference - (changes @ change).reshape(difference.shape)
+    return np.asarray(difference - (changes @ change).reshape(difference.shape))

@@ -29,6 +29,7 @@ from cc_mujoco.diagnosis._propose.experiment import (
     Expected,
     Rivals,
     TrialSettings,
+    as_record,
     designed,
     kind_of,
     refit_difference,
@@ -157,6 +158,23 @@ def test_a_designed_trial_separates_more_a_second_than_the_usual_one(
     assert found.motions[0].motor.size < best.motions[0].motor.size
 
 
+def test_a_run_in_does_not_count(sprung: tuple[BaselineFit, Rivals]) -> None:
+    """A locked motor never winds the cable up, so that nothing counts."""
+    comparison = Comparison(sprung[1])
+    locked, turned = (
+        next(m for m in comparison.trials() if words in m.description)
+        for words in ("motor locked", "the rig turned")
+    )
+    assert not as_record(comparison.problem, locked).counts.any()
+    assert comparison.expected(locked) is None
+    record, found = (
+        as_record(comparison.problem, turned), comparison.expected(turned)
+    )  # fmt: skip
+    assert found is not None and not record.counts.all()
+    assert np.all(found.left[:, ~record.counts] == 0.0)
+    assert np.all(found.left[:, record.counts] != 0.0)
+
+
 def test_where_no_trial_settles_a_tie_the_standard_ones_are_proposed_together(
     sprung: tuple[BaselineFit, Rivals], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -234,7 +252,7 @@ def test_a_fit_to_old_and_new_trials_keeps_its_bounds(
 ) -> None:
     """An offset beyond either bound of the baseline remains as a residual."""
     problem, x = baseline_fit.problem, baseline_fit.whole.x.copy()
-    (record, *_) = problem.plant.records
+    record = replace(problem.plant.records[0], counts=np.ones(750, dtype=bool))
     index = problem.names.index("joint_torque_offset")
     most = problem.tuned[index].value(problem.tuned[index].high)
     noise = np.array([[0.02], [0.02]])
@@ -260,7 +278,7 @@ def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -
     other = x.copy()
     other[problem.names.index("friction")] += 0.01
     plant = problem.plant
-    (record, *_) = plant.records
+    record = replace(plant.records[0], counts=np.ones(750, dtype=bool))
     shown = [
         plant.limited([record]).simulate(problem.values(place), problem.effects)[0]
         for place in (x, other)

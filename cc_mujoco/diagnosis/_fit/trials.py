@@ -384,7 +384,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 
     Trials may scatter beyond their standard `error` (DerSimonian and Laird 1986).
     """
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     design = np.stack([np.ones(at.size), at - at.mean()], axis=1)
     freedom = at.size - 2
@@ -405,7 +405,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
     size, inverse, beyond = regress(1.0 / (1.0 / sure + scatter))
     slope = float(size[1])
     t = slope / math.sqrt(max(beyond / freedom, 1e-300) * inverse[1, 1])
-    chance = float(2.0 * student.sf(abs(t), freedom))
+    chance = float(2.0 * stdtr(freedom, -abs(t)))
     return Trend(name, slope, float(t), freedom, chance)
 
 

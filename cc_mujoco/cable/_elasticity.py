@@ -145,17 +145,26 @@ def stretch_of(piece: Piece, tension: float) -> float:
 
 
 @internal
-def given_way(piece: Piece, tension: float) -> float:
-    """Return the stretch of clearance and soft spring alone at a tension [m]."""
-    if tension <= 0.0:
-        return tension * (piece.clearance / piece.seating + piece.spring)
-    play = piece.clearance * tension / (tension + piece.seating)
-    return play + spring_between(piece, 0.0, tension)
+def stretch_between(piece: Piece, before: float, after: float) -> float:
+    """Return the change of the stretch from one tension to another [m]."""
+    if before > 0.0 and after > 0.0:
+        smooth = _smooth_secant(piece, before, after) * (after - before)
+        return smooth + spring_between(piece, before, after)
+    return stretch_of(piece, after) - stretch_of(piece, before)
+
+
+@internal
+def given_between(piece: Piece, before: float, after: float) -> float:
+    """Return how far clearance and soft spring give between two tensions [m]."""
+    start, end = max(before, 0.0), max(after, 0.0)
+    play = _slope(piece.clearance, piece.seating, start, end) * (end - start)
+    slack = piece.clearance / piece.seating * (min(after, 0.0) - min(before, 0.0))
+    return play + slack + spring_between(piece, before, after)
 
 
 @internal
 def giving_slope(piece: Piece, tension: float) -> float:
-    """Return the derivative of `given_way` by the tension [m/N]."""
+    """Return the derivative of `given_between` by the tension [m/N]."""
     pull = max(tension, 0.0)
     play = _slope(piece.clearance, piece.seating, pull, pull)
     return play if piece.spring == 0.0 else play + spring_slope(piece, tension)

@@ -156,7 +156,7 @@ def carry(
             path[i], cable[i] = flow, carried
         share, rope = 1.0 / ratio, now[i]
         if springs + play > 0.0:
-            rope -= nodes.given_way(prm, n, i, tension[i])
+            rope -= nodes.given_between(prm, n, i, 0.0, tension[i])
         if play > 0.0:
             grown += nodes.seated_at(prm, n, was, i, tension[i])
             grown -= nodes.seated_at(prm, n, bends, i, tension[i])
@@ -201,18 +201,21 @@ def _tension_by_law(
         moved += _bend_of_slack(rope, start)
     else:
         rope *= start * start
-    unit, whole = _cable_per_length(prm), rope + nodes.given_way(prm, n, i, before)
-    cable = rope / start - moved
-    if cable >= whole:
+    # Changes of lengths, as lengths are too coarse in single precision, by 3e-8 m.
+    unit, cable = _cable_per_length(prm), rope / start - moved
+    strain = elastic.stretch_of(unit, before)
+    more = rope * strain / start + moved + nodes.given_between(prm, n, i, 0.0, before)
+    if more <= 0.0:
         soft = cable * elastic.compliance_at(unit, 0.0)
-        return float((whole - cable) / (soft + nodes.giving_slope(prm, n, i, 0.0)))
+        return float(more / (soft + nodes.giving_slope(prm, n, i, 0.0)))
     tension = max(after, 0.0)
     for _ in range(_MAX_ROUNDS):
-        strain = stretch_ratio(prm, tension)
-        left = whole - nodes.given_way(prm, n, i, tension)
+        more = elastic.stretch_of(unit, tension)
+        off = rope * (more - strain) / start - moved * (1.0 + more)
+        off += nodes.given_between(prm, n, i, before, tension)
         slope = cable * elastic.compliance_at(unit, tension)
         slope += nodes.giving_slope(prm, n, i, tension)
-        tension -= (cable * strain - left) / slope
+        tension -= off / slope
     return tension
 
 
@@ -251,6 +254,6 @@ def set_unstretched_lengths(
     own = at.node_length(prm, n)
     prm[at.RATIO_PROXIMAL] = prm[at.RATIO_DISTAL] = 1.0
     for i in range(n + 1):
-        rope = length[i] - nodes.given_way(prm, n, i, tension[i])
+        rope = length[i] - nodes.given_between(prm, n, i, 0.0, tension[i])
         own[i] = rope / stretch_ratio(prm, tension[i])
         nodes.set_node(prm, n, i)

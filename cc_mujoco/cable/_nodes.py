@@ -70,16 +70,19 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
 
 
 @internal
-def given_way(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Return the stretch of end spring and clearance at node i, before the step [m]."""
+def given_between(
+    prm: FloatArray, n: int, i: int, before: float, after: float
+) -> float:
+    """Return how far clearance and end spring of node i give between tensions [m]."""
     held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
     own = _held_piece(prm, n, i, held, 1.0)
-    return elastic.given_way(own, tension) + tension * end_spring(prm, n, i)
+    linear = (after - before) * end_spring(prm, n, i)
+    return elastic.given_between(own, before, after) + linear
 
 
 @internal
 def giving_slope(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Return the derivative of `given_way` by the tension [m/N]."""
+    """Return the derivative of `given_between` by the tension [m/N]."""
     held = prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL]
     own = _held_piece(prm, n, i, held, 1.0)
     return elastic.giving_slope(own, tension) + end_spring(prm, n, i)
@@ -277,7 +280,12 @@ def _curved_tension_after_stretch(
     prm: FloatArray, n: int, i: int, tension: float, stretched: float
 ) -> float:
     own = node_piece(prm, n, i)
-    return elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
+    found = elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
+    if tension > 0.0 and found > 0.0:
+        # The sum loses digits of its change, which would add up over steps.
+        off = elastic.stretch_between(own, tension, found) - stretched
+        found -= off / elastic.compliance_at(own, found)
+    return found
 
 
 @internal
@@ -287,8 +295,7 @@ def stretch_between(
     """Return the change of the stretch of node i between two tensions [m]."""
     if not is_curved_node(prm, n, i):
         return float((after - before) / at.node_stiffness(prm, n)[i])
-    own = node_piece(prm, n, i)
-    return elastic.stretch_of(own, after) - elastic.stretch_of(own, before)
+    return elastic.stretch_between(node_piece(prm, n, i), before, after)
 
 
 @internal

@@ -82,7 +82,7 @@ def slack_compliance(
     springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
     if packed is not None:
         for i in range(springs.size):
-            springs[i] = -nodes.given_way(packed, cable.segments, i, -1.0)
+            springs[i] = -nodes.given_between(packed, cable.segments, i, 0.0, -1.0)
     strain = 1.0 / cable.axial_stiffness
     if cable.bedding_strain > 0.0:
         strain += cable.bedding_strain / cable.bedding_tension

@@ -312,10 +312,11 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
         values[key] = x
     for end in range(2):
         hardness, key = spring(block, end).hardening, _SPRINGS[end, 1]
-        if hardness > _SCALARS.high[key] or key_text(block, key).size > 0 <= hardness:
+        if math.isnan(hardness):
+            continue
+        if hardness > _SCALARS.high[key] or key_text(block, key).size > 0:
             return _SPRINGS[end, 0], 0
-        if hardness >= 0.0:
-            values[key] = hardness
+        values[key] = hardness
     if 0.0 < values[KEY.static_friction] < values[KEY.friction]:
         return KEY.static_friction, 0
     for key, needed in _NEEDED:

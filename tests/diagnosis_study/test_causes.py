@@ -20,13 +20,20 @@ SETS = "rich_standard"
 Array = np.ndarray
 
 
-def hidden(folder: Path, seed: int, **values: float) -> Diagnosis:
-    """Return the diagnosis of a rig with guides that has these constants."""
+def hidden(folder: Path, seed: int, sticks: float = 0.0, **values: float) -> Diagnosis:
+    """Return the diagnosis of a rig with guides that has these constants.
+
+    Its joint's torque sensor moves in steps of more than `sticks` [N m].
+    """
     rig = make_rig(seed, make="guides")
     truth = truth_of(rig, {}, seed).changed(**values)
     data = []
     for k, trial in enumerate(make_trials(SETS, seed)):
         signals = sampled(run(truth, rig, trial), rig, truth.chain, BASIC)
+        shown = signals[:, BASIC.index("joint_torque")]
+        for i in range(1, shown.size):
+            if abs(shown[i] - shown[i - 1]) <= sticks:
+                shown[i] = shown[i - 1]
         data.append(logged(signals, truth.chain, BASIC, [seed, seed, k]))
     return diagnosed(folder, data, seed)
 
@@ -93,13 +100,6 @@ def test_another_cable_on_the_joint_is_a_spring_and_friction_there(
 
 
 def test_a_load_cell_that_sticks_is_unknown_at_the_joint(tmp_path: Path) -> None:
-    seed, width = 5020, 0.25
-    data = make_dataset(make_rig(seed, make="guides"), {}, SETS, seed)
-    for columns in data:
-        shown = columns["joint_torque_nm"]
-        for i in range(1, shown.size):
-            if abs(shown[i] - shown[i - 1]) <= width:
-                shown[i] = shown[i - 1]
-    found = diagnosed(tmp_path, data, seed)
+    found = hidden(tmp_path, 5020, sticks=0.25)
     assert found.verdict == "unknown", found.statement
     assert "in the joint torque only" in found.where[0].statement

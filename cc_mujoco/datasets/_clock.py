@@ -329,6 +329,11 @@ def _counted_samples(
             advice = "it is left out."
         elif lost > _LIMITS.missing * total:
             severity, advice = "error", "repair the sensor or leave the trial out."
+            rows = np.flatnonzero(missing & good)
+            fails = rows[-1] - rows[0] == lost - 1 and not good[rows[-1] + 1 :].any()
+            if fails and total - lost > _LIMITS.run:
+                severity, moment = "doubt", f"{time[rows[0]]:.6g} s"
+                advice = f"did the sensor fail at {moment}? What follows is left out."
         problem = f" lacks {lost} of {total} usable readings; {advice}"
         recording.report(severity, problem, channel)
     for channel, value in values.items():

@@ -182,8 +182,13 @@ def _frozen(readings: FloatArray) -> list[slice]:
     usual = (np.count_nonzero(same) - within) / max(same.size - within, 1)
     low, high = np.nanquantile(readings, (0.01, 0.99))
     third = np.abs(np.diff(readings, 3))
+    alive = np.ones(third.size, dtype=bool)
+    for first, last in runs.tolist():
+        alive[first:last] = False
     # Repeats are usual, or so little noise is a state of rest, as in simulations.
-    if usual > 0.1 or np.nanmedian(third) < 1e-4 * (high - low):
+    if usual > 0.1 or not alive.any():
+        return []
+    if np.nanmedian(third[alive]) < 1e-4 * (high - low):
         return []
     ends, least = (np.nanmin(readings), np.nanmax(readings)), _least_size(readings)
     found = []

@@ -22,6 +22,7 @@ from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
+from cc_mujoco.diagnosis._events import find_event, leave_out, sized
 from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
@@ -41,7 +42,8 @@ from cc_mujoco.diagnosis._report import output
 from cc_mujoco.diagnosis._report.output import DiagnosisResult
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
 from cc_mujoco.diagnosis._search.search import search_effects
-from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Event
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.estimation._least_squares import single_threaded_blas
@@ -197,10 +199,22 @@ def run_inference(
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
-    fitted = fit_scene(dataset, bench, settings, progress)
-    if isinstance(fitted, Diagnosis):
-        return DiagnosisResult(fitted, bench)
-    found = search_effects(fitted, progress)
+    events: list[Event] = []
+    while True:
+        fitted = fit_scene(dataset, bench, settings, progress)
+        if isinstance(fitted, Diagnosis):
+            return DiagnosisResult(replace(fitted, events=tuple(events)), bench)
+        place = fitted.problem, fitted.whole.x
+        event = find_event(*place, dataset) if len(events) < Limit.max_events else None
+        if event is None:
+            found = search_effects(fitted, progress)
+            if not found.problem.effects or len(events) == Limit.max_events:
+                break
+            event = find_event(found.problem, found.x, dataset)
+        if event is None:
+            break
+        events.append(event)
+        dataset = leave_out(dataset, event)
     diagnosis, evidence = locate_error(found, judge(found))
     diagnosis, problem, x = learn_residual(found, diagnosis)
     progress(0.95, "writing it down")
@@ -208,7 +222,18 @@ def run_inference(
     counts = [record.counts for record in found.problem.plant.records]
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
-    diagnosis = replace(diagnosis, baseline=Baseline(values, open_ones))
+    events = [sized(event, found.estimated) for event in events]
+    asked = [
+        f"{event.statement} It is judged without: {event.declaration[0]}"
+        f"{' and so on, see `events` in verdict.json' * (len(event.declaration) > 1)}."
+        for event in events
+    ]
+    diagnosis = replace(
+        diagnosis,
+        baseline=Baseline(values, open_ones),
+        events=tuple(events),
+        question=" ".join([*asked, diagnosis.question]).strip(),
+    )
     return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
 
 

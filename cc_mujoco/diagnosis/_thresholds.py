@@ -198,6 +198,21 @@ class Limit:
     # model leaves a part of a large effect, most where it shows most
     min_remaining_share = 0.3
 
+    # Events.
+    event_block = 0.5  # Length of a block [s]
+    event_blocks = 16  # of a trial, or more where these are longer than that
+    max_event_blocks = 40  # of a trial
+    event_false_alarm_rate = 1e-3  # over all places, signals and trials
+    min_event_blocks = 2  # Least blocks of the part and of the rest of a trial
+    min_event_freedom = 3  # Least degrees of freedom of the scatter
+    min_event_share = 0.02  # of a signal's largest square by block, to count
+    max_event_rest = 0.5  # Share of its squared error that an event may leave
+    # Share of the squared error beyond which no effect is compared
+    sure_event_share = 0.9
+    rival_event_share = 0.95  # of its square that another constant takes as well
+    max_tried_events = 4  # Most parts that are fitted without
+    max_events = 5  # Most that are found
+
     # Search.
     lookalike_cosine = 0.9  # beyond which screening cannot distinguish two signatures
     max_z = 6.0  # Largest z that odds are given for

@@ -242,6 +242,22 @@ class TrialError:
 
 
 @dataclass(frozen=True)
+class Event:
+    """Change at one moment, which is left out of what is judged."""
+
+    kind: str  # constant that changed, or `silent`, `frozen`, `dead`, `gain`, `pull`
+    # Its part of every trial that it concerns (from, to) [s], infinite up to the ends
+    spans: Mapping[str, tuple[float, float]]
+    file: str  # of the first of those trials
+    time: float  # at which it begins there, or ends [s]; NaN of whole trials
+    interval: tuple[float, float]  # 95 % of `time` [s]
+    size: Estimate  # value over that of the rest, or value less that of the rest
+    statement: str  # in words, with a question after the cause
+    declaration: tuple[str, ...]  # lines for `dataset.toml`, or what to do
+    occasion: str = ""  # under which whole trials are judged; "" if they are left out
+
+
+@dataclass(frozen=True)
 class Baseline:
     """Model without any effect, fitted to all data."""
 
@@ -342,6 +358,8 @@ class Diagnosis:
     """Errors of every trial."""
     question: str = ""
     """Question about a trial that contradicts the others, or empty."""
+    events: tuple[Event, ...] = ()
+    """Changes at one moment, in the order in which they were found."""
     deviating: tuple[Deviating, ...] = ()
     """Parameters that had to be tuned beyond their priors."""
     classes: tuple[CauseClass, ...] = ()

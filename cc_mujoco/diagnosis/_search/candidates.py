@@ -236,6 +236,23 @@ class _Screen(_Place):
         return total
 
 
+def explained_share(
+    problem: Problem, x: FloatArray, masks: Masks, changes: Sequence[FloatArray]
+) -> float:
+    """Return the share of the squared error that some multiple of changes takes.
+
+    `changes` (1, 2, samples) [N m] are of the torques of every record with a mask.
+    """
+    place = _Screen(problem, x, masks, Changes(), ())
+    (made,) = fitting.residual_changes(place._steep, changes)
+    own = np.append(made, np.zeros(place._priors))
+    own = own - place._tangent @ (place._tangent.T @ own)
+    error, rest = place._error, place._rest
+    return float(
+        (own @ rest) ** 2 / max(float(own @ own) * float(error @ error), 1e-300)
+    )
+
+
 def screen(
     problem: Problem,
     x: FloatArray,

@@ -142,7 +142,7 @@ def test_exchanged_torques_are_found_before_any_search(wrong: str) -> None:
     assert not found.runner_ups
 
 
-def test_a_cable_that_comes_off_is_a_stretch_with_its_time() -> None:
+def test_a_cable_that_comes_off_is_an_event_with_its_time() -> None:
     data = recorded()
     off = data.trials[1]
     random = np.random.default_rng(2)
@@ -156,11 +156,11 @@ def test_a_cable_that_comes_off_is_a_stretch_with_its_time() -> None:
     trials = (data.trials[0], changed, *data.trials[2:])
     few = Options(ids=("viscous_friction",))
     found = run_inference(replace(data, trials=trials), BENCH, few).diagnosis
-    assert found.verdict == "unknown"
-    said = re.search(r"run_1 transmits nothing from ([\d.]+) s to", found.statement)
-    assert said is not None, found.statement
-    assert float(said[1]) == pytest.approx(1.5, abs=0.15)
-    assert "run_1" in found.question and "`valid`" in found.question
+    assert found.verdict == "none", found.statement
+    (event,) = found.events
+    assert event.kind == "silent" and list(event.spans) == ["run_1"]
+    assert event.time == pytest.approx(1.5, abs=0.05)
+    assert "run_1" in found.question and ".valid = [[" in found.question
 
 
 @pytest.mark.study

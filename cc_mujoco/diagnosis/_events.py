@@ -1,0 +1,777 @@
+"""Events: a change at one moment of a trial, or between two trials.
+
+Effects hold for all trials. What happens once (a cable comes off, a clamp slips, an
+encoder is zeroed, a sensor fails) is looked for first, and left out of what is judged.
+
+An event changes one constant of the tuned scene or one sensor. To first order the error
+is then a multiple of that constant's derivative, larger from some moment on. Multiples
+are fitted to blocks of half a second, and every interval of every trial, and every
+division of the trials in two groups, is tested by Student's t on the scatter of the
+blocks beside their speed, angle and torque: what follows the motion is no event. A step
+counts if it takes most of the error of its part, more of the whole than any effect of
+the library, and if a fit to all else misses the part by far.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._fit import problem as fitting
+from cc_mujoco.diagnosis._fit.problem import Masks, Problem
+from cc_mujoco.diagnosis._phrases import (
+    capitalise,
+    channel_name,
+    format_estimate,
+    format_number,
+    plain_name,
+)
+from cc_mujoco.diagnosis._rig.simulation import change_name
+from cc_mujoco.diagnosis._search.candidates import explained_share, screen
+from cc_mujoco.diagnosis._thresholds import Limit
+from cc_mujoco.diagnosis._verdict import Event
+from cc_mujoco.estimation._least_squares import Estimate
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report._html import list_words
+
+CONSTANTS = (
+    *("joint_angle_offset", "pretension", "friction", "axial_stiffness"),
+    *("motor_torque_offset", "joint_torque_offset"),
+)
+"""Parameters of the baseline that an event may change."""
+REST = "the other trials"
+"""Occasion of the trials that an event does not concern."""
+SIZE = "SIZE"
+"""Word in place of a size that the final fit gives."""
+PULL = "pull"
+"""Signal of a change of both torques in proportion; others are channels' names."""
+
+
+class _Track(NamedTuple):
+    """Counted samples of one trial, its records one after another."""
+
+    trial: str
+    places: tuple[int, ...]  # of its records
+    time: FloatArray  # (samples,) [s]
+    error: FloatArray  # (rows, samples) measured minus simulated, over the floor
+    # Change of that error by a unit of each signal (rows, samples), by its name
+    signals: Mapping[str, FloatArray]
+    block: NDArray[np.intp]  # (samples,) number of the block
+    conditions: FloatArray  # (blocks, 4): 1, speed, angle and torque of each block
+
+    def error_at(self, problem: Problem, x: FloatArray) -> FloatArray:
+        """Return the error over the floor at a place of the parameters."""
+        return _joined_errors(problem, self.places, problem.torques(x, self.places))
+
+    def sums(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return the square of a signal and its product with the error (blocks,)."""
+        signal, count = self.signals[name], len(self.conditions)
+        pair = (signal**2).sum(axis=0), (signal * self.error).sum(axis=0)
+        square, product = (np.bincount(self.block, each, count) for each in pair)
+        return square.astype(np.float64), product.astype(np.float64)
+
+
+Kept = Mapping[str, NDArray[np.bool_]]
+"""Samples (samples,) of trials, by name."""
+
+
+class _Step(NamedTuple):
+    """A signal whose size differs between a part of the data and the rest."""
+
+    name: str  # of the signal
+    parts: Mapping[str, tuple[int, int]]  # first and last block by trial, last excluded
+    gain: float  # squared error that it takes
+    chance: float  # of such a step anywhere, where nothing happens
+
+
+def find_event(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
+    """Return the event that explains most of the error of a fitted model, or None.
+
+    An event that moves the fit far is found by one to the trials before or after it. If
+    each of two groups of trials fits by itself, and not the other, a device changed.
+    """
+    if found := _find(problem, x, dataset):
+        return found
+    records = problem.plant.records
+    every = [record.counts for record in records]
+    if _ratio(problem, x, every) <= Limit.layout_error:
+        return None
+    able = [r.trial for r in records if r.free.any() and not r.unhooked]
+    names = list(dict.fromkeys(able))
+    part = (len(names) - 1) // 2
+    fitted: list[tuple[Problem, FloatArray]] = []
+    for kept in (names[:part], names[-part:]) if part else ():
+        half, there = [r.free & (r.trial in kept) for r in records], x
+        for _ in range(3):  # the errors of the whole would hardly count
+            problem = problem.with_updated_floor(there, half)
+            there = fitting.fit(problem, there, half).x
+        if found := _find(problem, there, dataset):
+            return found
+        fitted.append((problem, there))
+    return _find_devices(fitted, names, dataset)
+
+
+def _find(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
+    tracks = _tracks(problem, x)
+    steps = [*_steps_within(problem, tracks), *_steps_between(problem, tracks)]
+    changes = [_Change.of(problem, x, tracks, each) for each in steps]
+    changes.sort(key=lambda change: -change.gain)
+    for found in changes[: Limit.max_tried_events]:
+        if not found.takes_most():
+            continue
+        there = found.rest_fit()
+        if there is not None and found.exceeds_effects():
+            # Of all that may have changed there, that which leaves least by simulation
+            tracks = _tracks(problem, there)
+            found = found._replace(x=there, tracks=tracks)
+            signals = tracks[next(iter(found.inside))].signals
+            exact = [found.of_signal(name).refined() for name in signals]
+            exact.sort(key=lambda pair: pair[1])
+            least = exact[0][1] / Limit.rival_event_share
+            rivals = [change.name for change, left in exact[1:] if left < least]
+            return exact[0][0].event(dataset, rivals)
+    return None
+
+
+def _find_devices(
+    fitted: Sequence[tuple[Problem, FloatArray]], names: Sequence[str], dataset: Dataset
+) -> Event | None:
+    """Return the event of a second device, of fits to the first and the last trials."""
+    for (problem, there), (other, again) in (fitted, fitted[::-1]) if fitted else ():
+        tracks = _tracks(problem, there)
+        own = {n: _ratio(problem, there, _of(problem, n)) for n in names if n in tracks}
+        new = [name for name, off in own.items() if off > Limit.outlier_floor_ratio]
+        old = [name for name in own if name not in new]
+        if min(len(new), len(old)) < 2 or max(own[n] for n in old) > Limit.layout_error:
+            continue
+        theirs = [_ratio(other, again, _of(other, name)) for name in new]
+        alike = max(theirs) <= Limit.layout_error
+        if alike and _is_comparable(problem, tracks, new, old):
+            spans = dict.fromkeys(new, (-math.inf, math.inf))
+            occasion, path = _occasion(dataset, new), dataset.trial(new[0]).path
+            statement = (
+                f"Trials {list_words(new)} fit by themselves, and not with the others. "
+                f"{capitalise(_CAUSES[PULL])}?"
+            )
+            none = Estimate(math.nan, "1", (math.nan, math.nan))
+            ends = math.nan, math.nan
+            lines = _declaration(dataset, new, occasion)
+            return Event(
+                "device", spans, path, ends[0], ends, none, statement, lines, occasion
+            )
+    return None
+
+
+def _of(problem: Problem, trial: str) -> Masks:
+    """Return the samples of a trial that count, by record."""
+    return [r.counts & (r.trial == trial) for r in problem.plant.records]
+
+
+def _ratio(problem: Problem, x: FloatArray, masks: Masks) -> float:
+    """Return the RMS error of samples by Huber's loss, over that of sensor noise."""
+    off = fitting.kept_samples(problem.errors(x, masks), masks)
+    usual = fitting.kept_samples(problem.noise_over_floor, masks)
+    return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
+
+
+def _tracks(problem: Problem, x: FloatArray) -> dict[str, _Track]:
+    records, tracks = problem.plant.records, {}
+    seen = [k for k, record in enumerate(records) if record.counts.any()]
+    torques = problem.torques(x, seen)
+    slopes = problem.slopes.of(problem, x, seen, torques)
+    known = {k: pair for k, *pair in zip(seen, torques, slopes, strict=True)}
+    for trial, places in problem.plant.by_trial.items():
+        parts = []
+        for k in filter(known.__contains__, places):
+            torque, slope = known[k]
+            record, floor = records[k], problem.floor[k]
+            kept = record.counts
+            changes = dict(_signals(problem, torque, slope))
+            speed = np.gradient(record.motor_angle, record.dt)
+            rows = (
+                record.time, *((record.measured - torque) / floor),
+                *np.concatenate([change / floor for change in changes.values()]),
+                speed**2, record.joint_angle, torque[-1], torque[-1] ** 2,
+            )  # fmt: skip
+            last = record.time[kept] - record.time[kept][0]
+            few, many = last[-1] / Limit.max_event_blocks, last[-1] / Limit.event_blocks
+            lasts = last / max(min(max(Limit.event_block, few), many), record.dt)
+            parts.append((np.stack(rows)[:, kept], lasts.astype(np.intp), changes))
+        if parts:
+            tracks[trial] = _track(trial, tuple(places), parts, len(torques[0]))
+    return tracks
+
+
+def _track(
+    trial: str,
+    places: tuple[int, ...],
+    parts: Sequence[tuple[FloatArray, NDArray[np.intp], Mapping[str, FloatArray]]],
+    rows: int,
+) -> _Track:
+    table = np.concatenate([part for part, _, _ in parts], axis=1)
+    starts = np.cumsum([0, *(int(lasts[-1]) + 1 for _, lasts, _ in parts[:-1])])
+    numbers = [
+        lasts + first for (_, lasts, _), first in zip(parts, starts, strict=True)
+    ]
+    _, block = np.unique(np.concatenate(numbers), return_inverse=True)
+    count = np.bincount(block)
+    means = [np.bincount(block, row) / count for row in table[-4:]]
+    speed, angle, torque, square = means
+    conditions = np.stack(
+        [count / count, speed**0.5, angle, torque, square**0.5], axis=1
+    )
+    names = list(parts[0][2])
+    changes = table[1 + rows : -4].reshape(len(names), rows, -1)
+    signals = dict(zip(names, changes, strict=True))
+    error = table[1 : 1 + rows]
+    return _Track(trial, places, table[0], error, signals, block, conditions)
+
+
+def _joined_errors(
+    problem: Problem, places: Sequence[int], torques: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the errors over the floor (rows, samples) that count, of records."""
+    records = problem.plant.records
+    return np.concatenate(
+        [
+            ((records[k].measured - torque) / problem.floor[k])[:, records[k].counts]
+            for k, torque in zip(places, torques, strict=True)
+        ],
+        axis=1,
+    )
+
+
+def _signals(
+    problem: Problem, torque: FloatArray, slope: FloatArray
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the changes of a record's torques (rows, samples) [N m] by its signals."""
+    for parameter, change in zip(problem.tuned, slope, strict=True):
+        if parameter.name in CONSTANTS:
+            yield parameter.name, change
+    yield PULL, torque
+    if len(torque) > 1:
+        for row, name in enumerate(problem.plant.instruments.channels):
+            own = np.arange(len(torque))[:, None] == row
+            yield name, torque * own
+
+
+def _noise(problem: Problem) -> float:
+    """Return the variance that sensor noise makes of a signal of square 1."""
+    records = problem.plant.records
+    masks = [record.counts for record in records]
+    noise = fitting.kept_samples(problem.noise_over_floor, masks)
+    # Neighbouring samples have passed the same filter.
+    joined = max(1.0, *(0.5 / (record.band * record.dt) for record in records))
+    return float(np.mean(noise**2)) * joined
+
+
+def _tested(
+    sizes: FloatArray,
+    weights: FloatArray,
+    design: FloatArray,
+    steps: FloatArray,
+    noise: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the square that each step takes (m,), and the probability of as much.
+
+    `sizes` (n,) of inverse variances `weights` (m, n) are regressed on `design` (n, k)
+    and one of the `steps` (m, n). Their scatter is `noise` at least.
+    """
+    from scipy.special import stdtr
+
+    table = design / np.maximum(np.max(np.abs(design), axis=0), 1e-300)
+    whole = np.maximum(weights.sum(axis=1), 1e-300)
+    square = np.einsum("mn,nk,nl->mkl", weights, table, table)
+    square += 1e-9 * whole[:, None, None] * np.eye(table.shape[1])
+    both = np.stack([steps, np.broadcast_to(sizes, steps.shape)], axis=2)
+    along = np.linalg.solve(square, np.einsum("mn,nk,mnj->mkj", weights, table, both))
+    step, rest = np.moveaxis(both - table @ along, 2, 0)
+    size, product, left = (
+        np.sum(weights * pair, axis=1) for pair in (step**2, step * rest, rest**2)
+    )
+    gain = product**2 / np.maximum(size, 1e-6 * whole)
+    freedom = np.count_nonzero(weights, axis=1) - table.shape[1] - 1
+    scatter = np.maximum((left - gain) / np.maximum(freedom, 1), noise)
+    t = np.sqrt(gain / scatter)
+    enough = freedom >= Limit.min_event_freedom
+    return gain, np.where(enough, 2.0 * stdtr(np.maximum(freedom, 1), -t), 1.0)
+
+
+def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
+    """Yield the best interval of each signal in each trial."""
+    noise, least = _noise(problem), Limit.min_event_blocks
+    for track in tracks.values():
+        count = len(track.conditions)
+        pairs = np.array(list(combinations(range(count + 1), 2)))
+        length = pairs[:, 1] - pairs[:, 0]
+        pairs = pairs[(length >= least) & (length <= count - least)]
+        if not pairs.size:
+            continue
+        first, last = pairs[:, :1], pairs[:, 1:]
+        place = np.arange(count)
+        steps = ((first <= place) & (place < last)).astype(np.float64)
+        # Blocks in which it may begin or end are of neither side.
+        edges = (place == first) & (first > 0) | (place == last - 1) & (last < count)
+        for name in track.signals:
+            sizes, known = _sizes(*track.sums(name))
+            weights = np.where(edges, 0.0, known)
+            gains, chances = _tested(sizes, weights, track.conditions, steps, noise)
+            chances *= len(pairs) * len(tracks) * len(track.signals)
+            gains[chances > Limit.event_false_alarm_rate] = 0.0
+            best = int(np.argmax(gains))
+            if gains[best] > 0.0:
+                part = {track.trial: (int(first[best, 0]), int(last[best, 0]))}
+                yield _Step(name, part, float(gains[best]), float(chances[best]))
+
+
+def _sizes(square: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return multiples of a signal, and their weights; 0 where it hardly shows."""
+    able = square > Limit.min_event_share * np.max(square)
+    return np.where(able, product / np.maximum(square, 1e-300), 0.0), square * able
+
+
+def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
+    """Yield the best division of the trials in two groups by each signal."""
+    noise = _noise(problem)
+    for signal in dict.fromkeys(n for track in tracks.values() for n in track.signals):
+        sums = [np.sum(track.sums(signal), axis=1) for track in tracks.values()]
+        sizes, weights = _sizes(*np.array(sums).T)
+        kept = np.flatnonzero(weights)
+        names = [list(tracks)[k] for k in kept]
+        sizes, weights, count = sizes[kept], weights[kept], kept.size
+        if count < Limit.min_outlier_trials:
+            continue
+        # By order in time, and by size, of which any division may be the one
+        place, order = np.arange(count), np.argsort(np.argsort(sizes))
+        steps = np.array([rank >= k for rank in (place, order) for k in place[1:]])
+        times = np.repeat([count - 1.0, 2.0 ** (count - 1.0)], count - 1)
+        every = np.broadcast_to(weights, steps.shape)
+        ones = np.ones((count, 1))
+        gains, chances = _tested(sizes, every, ones, steps.astype(np.float64), noise)
+        chances *= times * len(tracks[names[0]].signals)
+        gains[chances > Limit.event_false_alarm_rate] = 0.0
+        for k in np.argsort(-gains)[:2]:
+            one = [n for n, side in zip(names, steps[k], strict=True) if side]
+            smaller, larger = sorted([one, [n for n in names if n not in one]], key=len)
+            if gains[k] > 0.0 and _is_comparable(problem, tracks, smaller, larger):
+                part = {name: (0, len(tracks[name].conditions)) for name in smaller}
+                yield _Step(signal, part, float(gains[k]), float(chances[k]))
+
+
+def _is_comparable(
+    problem: Problem,
+    tracks: Mapping[str, _Track],
+    one: Sequence[str],
+    other: Sequence[str],
+) -> bool:
+    """Return whether no condition or range of motion divides two groups of trials."""
+    records = {record.trial: record for record in problem.plant.records}
+
+    def conditions(name: str) -> FloatArray:
+        record, means = records[name], tracks[name].conditions.mean(axis=0)
+        declared = record.pretension or 0.0, abs(record.tilt), *record.known_torques
+        return np.array([*declared, *means[[1, 4]]])  # RMS of speed and torque
+
+    groups = (np.array([conditions(n) for n in names]) for names in (one, other))
+    (low, high), (least, most) = ((g.min(axis=0), g.max(axis=0)) for g in groups)
+    return bool(np.all((low <= 1.1 * most) & (least <= 1.1 * high)))
+
+
+class _Change(NamedTuple):
+    """A step with its exact place, by samples."""
+
+    problem: Problem
+    x: FloatArray
+    tracks: Mapping[str, _Track]
+    name: str  # of the signal
+    inside: Kept  # samples of the part
+    outside: Kept  # samples that it is compared with
+    reach: float  # by which either end may be off, 95 % [s]
+    levels: tuple[float, float]  # multiples of the signal in the part, and otherwise
+    gain: float  # squared error that two levels take in place of one
+
+    @classmethod
+    def of(
+        cls, problem: Problem, x: FloatArray, tracks: Mapping[str, _Track], step: _Step
+    ) -> _Change:
+        reach, compared = 0.0, tracks
+        inside: Kept = {n: np.ones(tracks[n].time.size, bool) for n in step.parts}
+        trial, (first, last) = next(iter(step.parts.items()))
+        if last - first < len(tracks[trial].conditions):
+            known = tracks[trial], step.name, first, last, _noise(problem)
+            within, reach = _locate(*known)
+            inside = _lasting(tracks, step.name, trial, within)
+            if len(inside) == 1:
+                compared = {trial: tracks[trial]}
+        nothing = np.zeros(1, dtype=bool)
+        outside = {n: ~(inside.get(n, nothing) | np.zeros(t.time.size, bool))
+                   for n, t in compared.items()}  # fmt: skip
+        levels = 0.0, 0.0
+        blank = cls(problem, x, tracks, step.name, inside, outside, reach, levels, 0.0)
+        return blank.of_signal(step.name)
+
+    def of_signal(self, name: str) -> _Change:
+        """Return a change of another signal in the same samples."""
+        pairs = [_sums(self.tracks, name, k) for k in (self.inside, self.outside)]
+        (a, own), (b, rest) = pairs
+        levels = a / max(own, 1e-300), b / max(rest, 1e-300)
+        gain = own * rest / max(own + rest, 1e-300) * (levels[0] - levels[1]) ** 2
+        return self._replace(name=name, levels=levels, gain=gain)
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """Part of every trial that it concerns [s], infinite up to the trial's ends."""
+        return {n: _span(self.tracks[n].time, kept) for n, kept in self.inside.items()}
+
+    @property
+    def masks(self) -> Masks:
+        """Samples of the part that count, by record."""
+        found, spans = [], self.spans
+        for record in self.problem.plant.records:
+            start, stop = spans.get(record.trial, (math.inf, math.inf))
+            found.append(record.counts & (record.time >= start) & (record.time < stop))
+        return tuple(found)
+
+    def left(self, kept: Kept, level: float) -> tuple[float, float, float]:
+        """Return the squared error with a level, its products and samples.
+
+        The second is the change of the level that would take most of it. A large change
+        of a constant, which is not in proportion to its derivative, is simulated.
+        """
+        product = square = error_square = 0.0
+        along = np.array([each == self.name for each in self.problem.names], float)
+        for trial, own in kept.items():
+            track = self.tracks[trial]
+            signal = track.signals[self.name][:, own]
+            if along.any():
+                error = track.error_at(self.problem, self.x + level * along)[:, own]
+            else:
+                error = track.error[:, own] - level * signal
+            product += float(np.sum(signal * error))
+            square += float(np.sum(signal**2))
+            error_square += float(np.sum(error**2))
+        return error_square, product / max(square, 1e-300), square
+
+    def refined(self) -> tuple[_Change, float]:
+        """Return the change with simulated levels, and the squared error it leaves."""
+        found, whole = [], 0.0
+        for kept, level in zip((self.inside, self.outside), self.levels, strict=True):
+            best = level, *self.left(kept, level)[:2]
+            for _ in range(6):
+                there = best[0] + best[2]
+                tried = there, *self.left(kept, there)[:2]
+                if tried[1] >= best[1]:
+                    break
+                best = tried
+            found.append(best[0])
+            whole += best[1]
+        return self._replace(levels=(found[0], found[1])), whole
+
+    def takes_most(self) -> bool:
+        """Return whether the step leaves less than half of the error of its part."""
+        before = sum(float(np.sum(self.tracks[n].error[:, k] ** 2))
+                     for n, k in self.inside.items())  # fmt: skip
+        return self.left(self.inside, self.levels[0])[0] < Limit.max_event_rest * before
+
+    def exceeds_effects(self) -> bool:
+        """Return whether no effect of the library takes more of the error, at first."""
+        problem, x = self.problem, self.x
+        masks = [record.counts for record in problem.plant.records]
+        able = [n for n in problem.plant.library.effects if n not in problem.effects]
+        seen = [k for k, mask in enumerate(masks) if mask.any()]
+        torques = problem.torques(x, seen)
+        slopes = problem.slopes.of(problem, x, seen, torques)
+        changes = []
+        for k, torque, slope in zip(seen, torques, slopes, strict=True):
+            signal = dict(_signals(problem, torque, slope))[self.name]
+            changes.append((signal * self.masks[k])[None])
+        own = explained_share(problem, x, masks, changes)
+        if own > Limit.sure_event_share:
+            return True
+        best = screen(problem, x, masks, able, starts=1)
+        return not best or own > best[0].explained
+
+    def rest_fit(self) -> FloatArray | None:
+        """Return the parameters fitted to all else; None if the part fits them, too."""
+        problem, parts = self.problem, self.masks
+        records = problem.plant.records
+        rest = [r.free & ~part for r, part in zip(records, parts, strict=True)]
+        if sum(int(mask.sum()) for mask in rest) < Limit.min_counted_samples:
+            return None
+        there = fitting.fit(problem, self.x, rest).x
+        off, left = (_ratio(problem, there, masks) for masks in (parts, rest))
+        least = max(Limit.outlier_floor_ratio, Limit.outlier_ratio * left)
+        return there if off > least else None
+
+    def event(self, dataset: Dataset, rivals: Sequence[str]) -> Event:
+        """Return the event in words, with what to declare; `rivals` look the same."""
+        spans = self.spans
+        (trial, (start, stop)), *others = spans.items()
+        whole = math.isinf(start) and math.isinf(stop)
+        near = f"(± {format_number(max(self.reach, 1e-3), self.reach)} s)"
+        edges = [
+            f"{word} {format_number(edge, self.reach)} s {near}"
+            for word, edge in (("from", start), ("until", stop))
+            if math.isfinite(edge)
+        ]
+        where = f"Trial {trial} {' '.join(edges)}".rstrip()
+        if whole and others:
+            where = f"Trials {list_words(spans)}"
+        elif others:
+            where += f" and {list_words(name for name, _ in others)}"
+        kind, change, size = self._described(dataset)
+        causes = [_CAUSES[kind], *(_CAUSES[n] for n in rivals if n in _CAUSES)]
+        cause = capitalise(", or ".join(dict.fromkeys(causes)))
+        gone = list(spans) if whole else [name for name, _ in others]
+        occasion = _occasion(dataset, gone) if kind in CONSTANTS else ""
+        lines = []
+        if not whole:
+            time = dataset.trial(trial).time
+            low, high = float(time[0]), float(time[-1])
+            kept = [(low, min(start, high)), (max(stop, low), high)]
+            known = [[round(a, 3), round(b, 3)] for a, b in kept if a < b]
+            lines.append(f"trials.{trial!r}.valid = {known}")
+        lines += _declaration(dataset, gone, occasion)
+        moment = math.nan if whole else start if math.isfinite(start) else stop
+        moment = round(moment, 6)
+        return Event(
+            kind,
+            spans,
+            dataset.trial(trial).path,
+            moment,
+            (moment - self.reach, moment + self.reach),
+            size,
+            f"{where}: {change}. {cause}?",
+            tuple(lines),
+            occasion,
+        )
+
+    def _described(self, dataset: Dataset) -> tuple[str, str, Estimate]:
+        """Return kind and change in words, and the size of the change."""
+        name, (level, usual) = self.name, self.levels
+        pairs = (self.inside, level), (self.outside, usual)
+        sides = [self.left(kept, own) for kept, own in pairs]
+        samples = sum(int(own.sum()) for kept, _ in pairs for own in kept.values())
+        rows = len(next(iter(self.tracks.values())).error)
+        scatter = sum(side[0] for side in sides) / (rows * samples)
+        scatter = max(scatter, 1.0) * _noise(self.problem)
+        spread = Limit.sigmas * math.sqrt(sum(scatter / side[2] for side in sides))
+        ends = level - usual - spread, level - usual + spread
+        known = {p.name: p for p in self.problem.tuned}.get(name)
+        if known is not None and not known.factor:
+            low, high = sorted(known.scale * end for end in ends)
+            size = Estimate(known.scale * (level - usual), known.unit, (low, high))
+            return name, f"{_SUBJECTS[name]} moves by {SIZE}", size
+        if known is not None:
+            low, high = (math.exp(known.scale * end) for end in ends)
+            size = Estimate(math.exp(known.scale * (level - usual)), "1", (low, high))
+            subject = plain_name(name)
+        else:
+            base = 1.0 + usual
+            low, high = (1.0 + end / base for end in ends)
+            size = Estimate((1.0 + level) / base, "1", (low, high))
+            subject = "both torques" if name == PULL else f"the {channel_name(name)}"
+        if known is None and size.value < Limit.max_idle_share:
+            if name == PULL:
+                return "silent", "the cables transmit nothing", size
+            if held := self._held(dataset, name):
+                return "frozen", f"{subject} stays at {held}", size
+            return "dead", f"{subject} no longer follows the motion", size
+        verb = "are" if name == PULL else "is"
+        change = f"{subject} {verb} {SIZE} times that of the rest"
+        return name if known or name == PULL else "gain", change, size
+
+    def _held(self, dataset: Dataset, name: str) -> str:
+        """Return the reading at which a sensor stays in the part, or ""."""
+        trial, (start, stop) = next(iter(self.spans.items()))
+        known = dataset.trial(trial)
+        inside = (known.time >= start + self.reach) & (known.time < stop - self.reach)
+        values = known.channel(name)[inside]
+        still = values.size > 1 and np.ptp(values) == 0.0
+        return f"{format_number(float(values[0]))} N m" if still else ""
+
+
+_CAUSES = {
+    "joint_angle_offset": "was an encoder zeroed again, or did a clamp or pulley slip",
+    "pretension": "was the cable tightened, or did a clamp give way",
+    "friction": "was the cable oiled, routed anew or exchanged",
+    "axial_stiffness": "was the cable exchanged",
+    "motor_torque_offset": "was the motor's torque sensor zeroed or hit",
+    "joint_torque_offset": "was the joint's torque sensor zeroed or hit",
+    PULL: "was it another device, or another pretension",
+    "silent": "was the cable off, or slack for good",
+    "frozen": "did the sensor or its logger stop",
+    "dead": "is the sensor or its wire broken",
+    "gain": "was the sensor's gain changed, or the sensor exchanged",
+}
+"""Question after the cause, by kind of event."""
+_SUBJECTS = {
+    "joint_angle_offset": "the zero between motor and joint",
+    "motor_torque_offset": "the zero of the motor torque",
+    "joint_torque_offset": "the zero of the joint torque",
+}
+
+
+def _declaration(
+    dataset: Dataset, names: Sequence[str], occasion: str
+) -> tuple[str, ...]:
+    """Return lines that make trials an occasion, or the advice to leave them out."""
+    if not occasion:
+        return tuple(f"leave out {dataset.trial(name).path}" for name in names)
+    return tuple(f"trials.{name!r}.occasion = {occasion!r}" for name in names)
+
+
+def _occasion(dataset: Dataset, names: Sequence[str]) -> str:
+    """Return an occasion for trials; "" if they are too few or occasions declared."""
+    if any(trial.facts.occasion for trial in dataset.trials):
+        return ""
+    fewest = min(len(dataset.trials) - len(names), len(names))
+    return f"{names[0]} to {names[-1]}" if fewest >= 2 else ""
+
+
+def leave_out(dataset: Dataset, event: Event) -> Dataset:
+    """Return the dataset without the event, or with whole trials of it as an occasion.
+
+    `Event.spans` has their parts.
+    """
+    trials = []
+    for trial in dataset.trials:
+        start, stop = event.spans.get(trial.name, (math.inf, math.inf))
+        first, last = np.searchsorted(trial.time, (start, stop)).tolist()
+        if event.occasion:
+            whole = (start, stop) == (-math.inf, math.inf)
+            name = event.occasion if whole else REST
+            trial = replace(trial, facts=replace(trial.facts, occasion=name))
+            if whole:
+                trials.append(trial)
+                continue
+        pieces = [
+            slice(*ends)
+            for own in trial.segments
+            for ends in (
+                (own.start, min(own.stop, first)),
+                (max(own.start, last), own.stop),
+            )
+            if ends[1] - ends[0] >= Limit.min_record_samples
+        ]
+        if pieces:
+            trials.append(replace(trial, segments=tuple(pieces)))
+    return replace(dataset, trials=tuple(trials))
+
+
+def sized(event: Event, estimated: Mapping[str, Estimate]) -> Event:
+    """Return the event with its size by the final fit, where it has an occasion.
+
+    A fit gives the change since the earlier of two occasions.
+    """
+    size = event.size
+    own, rest = (
+        estimated.get(change_name(event.kind, name)) for name in (event.occasion, REST)
+    )
+    if event.occasion and own:
+        size = own
+    elif event.occasion and rest:
+        low, high = rest.ci95
+        if event.kind in _SUBJECTS:
+            size = Estimate(-rest.value, rest.unit, (-high, -low))
+        else:
+            size = Estimate(1.0 / rest.value, rest.unit, (1.0 / high, 1.0 / low))
+    text = event.statement.replace(SIZE, format_estimate(size))
+    return replace(event, size=size, statement=text)
+
+
+def _sums(tracks: Mapping[str, _Track], name: str, kept: Kept) -> tuple[float, float]:
+    """Return the product of a signal with the error, and its square, of samples."""
+    product = square = 0.0
+    for trial, own in kept.items():
+        signal = tracks[trial].signals[name][:, own]
+        product += float(np.sum(signal * tracks[trial].error[:, own]))
+        square += float(np.sum(signal**2))
+    return product, square
+
+
+def _lasting(
+    tracks: Mapping[str, _Track], name: str, trial: str, within: NDArray[np.bool_]
+) -> Kept:
+    """Return the samples of an event by trial, from an interval of one of them.
+
+    If the interval ends with the trial, the trials after it belong to the event where
+    they are like it. Of the two sides of a moment, the event is the one unlike the
+    trials before.
+    """
+    if not within[0] and not within[-1]:
+        return {trial: within}
+    after = ~within if within[0] else within
+
+    def level(of: str, kept: NDArray[np.bool_]) -> float:
+        product, square = _sums(tracks, name, {of: kept})
+        return product / max(square, 1e-300)
+
+    old, new = level(trial, ~after), level(trial, after)
+    every = {n: np.ones(t.time.size, dtype=bool) for n, t in tracks.items()}
+    squares = {n: _sums(tracks, name, {n: kept})[1] for n, kept in every.items()}
+    least = Limit.min_event_share * max(squares.values())
+    usual = {n: level(n, kept) for n, kept in every.items() if squares[n] > least}
+    is_new = {n: abs(own - new) < abs(own - old) for n, own in usual.items()}
+    names = list(tracks)
+    place = names.index(trial)
+    earlier = [is_new[n] for n in names[:place] if n in is_new]
+    later = [is_new[n] for n in names[place + 1 :] if n in is_new]
+    if later and all(later):
+        if any(earlier):
+            return {trial: ~after}
+        return {trial: after} | {n: every[n] for n in names[place + 1 :]}
+    return {trial: after}
+
+
+def _locate(
+    track: _Track, name: str, first: int, last: int, noise: float
+) -> tuple[NDArray[np.bool_], float]:
+    """Return the samples of an interval, its ends as they fit best, and their error.
+
+    The ends lie within two blocks of those of the interval. The error is of the end
+    that is known worst, by the likelihood [s].
+    """
+    count, block = len(track.conditions), track.block
+    rough = (block >= first) & (block < last)
+    signal = track.signals[name]
+    levels = [
+        float(np.sum((signal * track.error)[:, kept]))
+        / max(float(np.sum(signal[:, kept] ** 2)), 1e-300)
+        for kept in (rough, ~rough)
+    ]
+    squares = [(track.error - level * signal) ** 2 for level in levels]
+    worse = np.concatenate([[0.0], np.cumsum((squares[0] - squares[1]).sum(axis=0))])
+    ends, reach, time = [0, block.size], 0.0, track.time
+    for side, edge in enumerate((first, last)):
+        if 0 < edge < count:
+            near = np.flatnonzero(np.abs(block + 0.5 - edge) < 2.0)
+            near = near[near > 0]
+            cost = worse[near] if side else -worse[near]
+            ends[side] = at = int(near[np.argmin(cost)])
+            able = near[cost <= np.min(cost) + Limit.sigmas**2 * noise]
+            low, high = time[able[0] - 1], time[able[-1]]
+            middle = _middle(time, at)
+            reach = max(reach, float(high) - middle, middle - float(low))
+    place = np.arange(block.size)
+    return (place >= ends[0]) & (place < ends[1]), reach
+
+
+def _middle(time: FloatArray, at: int) -> float:
+    """Return the moment between a sample and the one before it [s]."""
+    return 0.5 * float(time[at - 1] + time[at])
+
+
+def _span(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the ends of a piece of a trial [s], infinite where it ends with it."""
+    kept = np.flatnonzero(inside)
+    start = -math.inf if kept[0] == 0 else _middle(time, int(kept[0]))
+    ends = kept[-1] == time.size - 1
+    return start, math.inf if ends else _middle(time, int(kept[-1]) + 1)

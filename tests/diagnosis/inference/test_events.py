@@ -1,0 +1,110 @@
+"""Events: something that happens once, in a trial or between two trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.datasets import Dataset, Trial
+from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
+from cc_mujoco.diagnosis._events import find_event, leave_out
+from cc_mujoco.diagnosis._verdict import Event
+from diagnosis.inference.test_per_trial import baseline_fit
+from diagnosis.recorded import BENCH, dataset
+
+USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+LENGTH, WHEN = 4.0, 2.3
+EVENT_TRIAL = 3
+
+
+def session(
+    *, hidden: dict[str, float] | None = None, later: dict[str, float] | None = None
+) -> Dataset:
+    """Return six trials; those from the fourth on may have other cables."""
+    trials: list[Trial] = []
+    for seed in (0, 1):
+        changes = USUAL | (hidden or {}) | ((later or {}) if seed else {})
+        for trial in dataset(changes=changes, seed=seed, duration=LENGTH).trials:
+            name = f"run_{len(trials)}"
+            trials.append(replace(trial, name=name, path=f"{name}.csv"))
+    return replace(dataset(duration=0.1), trials=tuple(trials))
+
+
+def found_in(data: Dataset) -> tuple[BaselineFit, Event | None]:
+    fitted = baseline_fit(data)
+    return fitted, find_event(fitted.problem, fitted.whole.x, data)
+
+
+def changed(data: Dataset, change: Callable[[Trial, np.ndarray], Trial]) -> Dataset:
+    """Return the data with a change of the fourth trial from a moment on."""
+    trials = [
+        change(trial, trial.time - trial.time[0] > WHEN) if k == EVENT_TRIAL else trial
+        for k, trial in enumerate(data.trials)
+    ]
+    return replace(data, trials=tuple(trials))
+
+
+def noise(count: int) -> np.ndarray:
+    return 0.01 * np.random.default_rng(1).standard_normal(count)
+
+
+def silent(trial: Trial, off: np.ndarray) -> Trial:
+    torques = (trial.motor_torque, trial.joint_torque)
+    motor, joint = (np.where(off, noise(off.size), t) for t in torques)
+    return replace(trial, motor_torque=motor, joint_torque=joint)
+
+
+def dead(trial: Trial, off: np.ndarray) -> Trial:
+    joint = np.where(off, noise(off.size), trial.joint_torque)
+    return replace(trial, joint_torque=joint)
+
+
+def gained(trial: Trial, off: np.ndarray) -> Trial:
+    joint = np.where(off, 0.8, 1.0) * trial.joint_torque
+    return replace(trial, joint_torque=joint)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "size"),
+    [(silent, "silent", 0.0), (dead, "dead", 0.0), (gained, "gain", 0.8)],
+)
+def test_what_happens_in_a_trial_is_named_with_its_time(
+    change: Callable[[Trial, np.ndarray], Trial], kind: str, size: float
+) -> None:
+    data = changed(session(), change)
+    fitted, event = found_in(data)
+    assert fitted.crossed.misfit > 1.5
+    assert event is not None and event.kind == kind
+    name = f"run_{EVENT_TRIAL}"
+    assert event.file == f"{name}.csv" and list(event.spans) == [name]
+    start = float(data.trials[EVENT_TRIAL].time[0]) + WHEN
+    assert event.time == pytest.approx(start, abs=0.1)
+    assert event.size.value == pytest.approx(size, abs=0.02)
+    assert f"trials.{name!r}.valid" in event.declaration[0]
+    rest = leave_out(data, event)
+    assert rest.trials[EVENT_TRIAL].duration == pytest.approx(WHEN, abs=0.1)
+    again, other = found_in(rest)
+    assert again.crossed.misfit < 1.3 and other is None
+
+
+def test_trials_of_another_cable_are_judged_as_an_occasion() -> None:
+    data = session(later={"friction": 0.09})
+    settings = Options(("backlash", "viscous_friction"))
+    found = run_inference(data, BENCH, settings).diagnosis
+    assert found.verdict == "none", found.statement
+    (event,) = found.events
+    assert event.kind == "friction" and math.isnan(event.time)
+    assert event.size.holds(0.09 / 0.13)
+    assert event.statement in found.question and "oiled" in event.statement
+    assert found.occasions is not None
+
+
+@pytest.mark.parametrize("hidden", [{}, {"end_compliance": 2e-5}])
+def test_nothing_happens_in_trials_of_one_rig(hidden: dict[str, float]) -> None:
+    fitted, event = found_in(session(hidden=hidden))
+    assert event is None
+    assert (fitted.crossed.misfit > 1.5) == bool(hidden)

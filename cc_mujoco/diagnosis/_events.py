@@ -57,7 +57,6 @@ PULL = "pull"
 class _Track(NamedTuple):
     """Counted samples of one trial, its records one after another."""
 
-    trial: str
     places: tuple[int, ...]  # of its records
     time: FloatArray  # (samples,) [s]
     error: FloatArray  # (rows, samples) measured minus simulated, over the floor
@@ -67,8 +66,10 @@ class _Track(NamedTuple):
     conditions: FloatArray  # (blocks, 4): 1, speed, angle and torque of each block
 
     def error_at(self, problem: Problem, x: FloatArray) -> FloatArray:
-        """Return the error over the floor at a place of the parameters."""
-        return _joined_errors(problem, self.places, problem.torques(x, self.places))
+        """Return the error over the floor (rows, samples) at a place."""
+        errors, masks = problem.plainly(x, self.places), problem.plant.records
+        pairs = zip(errors, self.places, strict=True)
+        return np.concatenate([e[:, masks[k].counts] for e, k in pairs], axis=1)
 
     def sums(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return the square of a signal and its product with the error (blocks,)."""
@@ -87,8 +88,6 @@ class _Step(NamedTuple):
 
     name: str  # of the signal
     parts: Mapping[str, tuple[int, int]]  # first and last block by trial, last excluded
-    gain: float  # squared error that it takes
-    chance: float  # of such a step anywhere, where nothing happens
 
 
 def find_event(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
@@ -154,18 +153,18 @@ def _find_devices(
         theirs = [_ratio(other, again, _of(other, name)) for name in new]
         alike = max(theirs) <= Limit.layout_error
         if alike and _is_comparable(problem, tracks, new, old):
-            spans = dict.fromkeys(new, (-math.inf, math.inf))
             occasion, path = _occasion(dataset, new), dataset.trial(new[0]).path
             statement = (
                 f"Trials {list_words(new)} fit by themselves, and not with the others. "
                 f"{capitalise(_CAUSES[PULL])}?"
             )
-            none = Estimate(math.nan, "1", (math.nan, math.nan))
-            ends = math.nan, math.nan
-            lines = _declaration(dataset, new, occasion)
-            return Event(
-                "device", spans, path, ends[0], ends, none, statement, lines, occasion
+            spans, ends = (
+                dict.fromkeys(new, (-math.inf, math.inf)),
+                (math.nan, math.nan),
             )
+            known = spans, path, math.nan, ends, Estimate(math.nan, "1", ends)
+            lines = _declaration(dataset, new, occasion)
+            return Event("device", *known, statement, lines, occasion)
     return None
 
 
@@ -182,70 +181,40 @@ def _ratio(problem: Problem, x: FloatArray, masks: Masks) -> float:
 
 
 def _tracks(problem: Problem, x: FloatArray) -> dict[str, _Track]:
-    records, tracks = problem.plant.records, {}
+    records = problem.plant.records
+    parts: dict[str, list[FloatArray]] = {}
     seen = [k for k, record in enumerate(records) if record.counts.any()]
     torques = problem.torques(x, seen)
     slopes = problem.slopes.of(problem, x, seen, torques)
-    known = {k: pair for k, *pair in zip(seen, torques, slopes, strict=True)}
-    for trial, places in problem.plant.by_trial.items():
-        parts = []
-        for k in filter(known.__contains__, places):
-            torque, slope = known[k]
-            record, floor = records[k], problem.floor[k]
-            kept = record.counts
-            changes = dict(_signals(problem, torque, slope))
-            speed = np.gradient(record.motor_angle, record.dt)
-            rows = (
-                record.time, *((record.measured - torque) / floor),
-                *np.concatenate([change / floor for change in changes.values()]),
-                speed**2, record.joint_angle, torque[-1], torque[-1] ** 2,
-            )  # fmt: skip
-            last = record.time[kept] - record.time[kept][0]
-            few, many = last[-1] / Limit.max_event_blocks, last[-1] / Limit.event_blocks
-            lasts = last / max(min(max(Limit.event_block, few), many), record.dt)
-            parts.append((np.stack(rows)[:, kept], lasts.astype(np.intp), changes))
-        if parts:
-            tracks[trial] = _track(trial, tuple(places), parts, len(torques[0]))
+    for k, torque, slope in zip(seen, torques, slopes, strict=True):
+        record, floor = records[k], problem.floor[k]
+        changes = dict(_signals(problem, torque, slope))
+        speed = np.gradient(record.motor_angle, record.dt)
+        rows = (
+            record.time, *((record.measured - torque) / floor),
+            *np.concatenate([change / floor for change in changes.values()]),
+            speed**2, record.joint_angle, torque[-1], torque[-1] ** 2,
+        )  # fmt: skip
+        parts.setdefault(record.trial, []).append(np.stack(rows)[:, record.counts])
+    names, count = list(changes), len(torques[0])
+    tracks = {}
+    for trial, own in parts.items():
+        blocks: list[NDArray[np.intp]] = []
+        for time in (part[0] - part[0, 0] for part in own):
+            few, many = time[-1] / Limit.max_event_blocks, time[-1] / Limit.event_blocks
+            length = max(min(max(Limit.event_block, few), many), records[0].dt)
+            first = blocks[-1][-1] + 1 if blocks else 0
+            blocks.append((time / length).astype(np.intp) + first)
+        _, block = np.unique(np.concatenate(blocks), return_inverse=True)
+        table = np.concatenate(own, axis=1)
+        means = [np.bincount(block, row) / np.bincount(block) for row in table[-4:]]
+        sizes = means[0] ** 0.5, means[1], means[2], means[3] ** 0.5
+        conditions = np.stack([np.ones(means[0].size), *sizes], axis=1)
+        signals = table[1 + count : -4].reshape(len(names), count, -1)
+        each = dict(zip(names, signals, strict=True))
+        error, places = table[1 : 1 + count], tuple(problem.plant.by_trial[trial])
+        tracks[trial] = _Track(places, table[0], error, each, block, conditions)
     return tracks
-
-
-def _track(
-    trial: str,
-    places: tuple[int, ...],
-    parts: Sequence[tuple[FloatArray, NDArray[np.intp], Mapping[str, FloatArray]]],
-    rows: int,
-) -> _Track:
-    table = np.concatenate([part for part, _, _ in parts], axis=1)
-    starts = np.cumsum([0, *(int(lasts[-1]) + 1 for _, lasts, _ in parts[:-1])])
-    numbers = [
-        lasts + first for (_, lasts, _), first in zip(parts, starts, strict=True)
-    ]
-    _, block = np.unique(np.concatenate(numbers), return_inverse=True)
-    count = np.bincount(block)
-    means = [np.bincount(block, row) / count for row in table[-4:]]
-    speed, angle, torque, square = means
-    conditions = np.stack(
-        [count / count, speed**0.5, angle, torque, square**0.5], axis=1
-    )
-    names = list(parts[0][2])
-    changes = table[1 + rows : -4].reshape(len(names), rows, -1)
-    signals = dict(zip(names, changes, strict=True))
-    error = table[1 : 1 + rows]
-    return _Track(trial, places, table[0], error, signals, block, conditions)
-
-
-def _joined_errors(
-    problem: Problem, places: Sequence[int], torques: Sequence[FloatArray]
-) -> FloatArray:
-    """Return the errors over the floor (rows, samples) that count, of records."""
-    records = problem.plant.records
-    return np.concatenate(
-        [
-            ((records[k].measured - torque) / problem.floor[k])[:, records[k].counts]
-            for k, torque in zip(places, torques, strict=True)
-        ],
-        axis=1,
-    )
 
 
 def _signals(
@@ -307,7 +276,7 @@ def _tested(
 def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
     """Yield the best interval of each signal in each trial."""
     noise, least = _noise(problem), Limit.min_event_blocks
-    for track in tracks.values():
+    for trial, track in tracks.items():
         count = len(track.conditions)
         pairs = np.array(list(combinations(range(count + 1), 2)))
         length = pairs[:, 1] - pairs[:, 0]
@@ -327,8 +296,8 @@ def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_S
             gains[chances > Limit.event_false_alarm_rate] = 0.0
             best = int(np.argmax(gains))
             if gains[best] > 0.0:
-                part = {track.trial: (int(first[best, 0]), int(last[best, 0]))}
-                yield _Step(name, part, float(gains[best]), float(chances[best]))
+                start, stop = pairs[best].tolist()
+                yield _Step(name, {trial: (start, stop)})
 
 
 def _sizes(square: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -361,8 +330,8 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
             one = [n for n, side in zip(names, steps[k], strict=True) if side]
             smaller, larger = sorted([one, [n for n in names if n not in one]], key=len)
             if gains[k] > 0.0 and _is_comparable(problem, tracks, smaller, larger):
-                part = {name: (0, len(tracks[name].conditions)) for name in smaller}
-                yield _Step(signal, part, float(gains[k]), float(chances[k]))
+                whole = {name: (0, len(tracks[name].conditions)) for name in smaller}
+                yield _Step(signal, whole)
 
 
 def _is_comparable(
@@ -405,17 +374,14 @@ class _Change(NamedTuple):
         inside: Kept = {n: np.ones(tracks[n].time.size, bool) for n in step.parts}
         trial, (first, last) = next(iter(step.parts.items()))
         if last - first < len(tracks[trial].conditions):
-            known = tracks[trial], step.name, first, last, _noise(problem)
-            within, reach = _locate(*known)
+            noise = _noise(problem)
+            within, reach = _locate(tracks[trial], step.name, first, last, noise)
             inside = _lasting(tracks, step.name, trial, within)
-            if len(inside) == 1:
-                compared = {trial: tracks[trial]}
-        nothing = np.zeros(1, dtype=bool)
-        outside = {n: ~(inside.get(n, nothing) | np.zeros(t.time.size, bool))
-                   for n, t in compared.items()}  # fmt: skip
-        levels = 0.0, 0.0
-        blank = cls(problem, x, tracks, step.name, inside, outside, reach, levels, 0.0)
-        return blank.of_signal(step.name)
+            compared = {trial: tracks[trial]} if len(inside) == 1 else tracks
+        every = {n: np.ones(t.time.size, dtype=bool) for n, t in compared.items()}
+        outside = {n: kept & ~inside.get(n, ~kept) for n, kept in every.items()}
+        place = problem, x, tracks, step.name
+        return cls(*place, inside, outside, reach, (0.0, 0.0), 0.0).of_signal(step.name)
 
     def of_signal(self, name: str) -> _Change:
         """Return a change of another signal in the same samples."""
@@ -526,7 +492,7 @@ class _Change(NamedTuple):
             where = f"Trials {list_words(spans)}"
         elif others:
             where += f" and {list_words(name for name, _ in others)}"
-        kind, change, size = self._described(dataset)
+        kind, change, size = self._described()
         causes = [_CAUSES[kind], *(_CAUSES[n] for n in rivals if n in _CAUSES)]
         cause = capitalise(", or ".join(dict.fromkeys(causes)))
         gone = list(spans) if whole else [name for name, _ in others]
@@ -540,20 +506,12 @@ class _Change(NamedTuple):
             lines.append(f"trials.{trial!r}.valid = {known}")
         lines += _declaration(dataset, gone, occasion)
         moment = math.nan if whole else start if math.isfinite(start) else stop
-        moment = round(moment, 6)
-        return Event(
-            kind,
-            spans,
-            dataset.trial(trial).path,
-            moment,
-            (moment - self.reach, moment + self.reach),
-            size,
-            f"{where}: {change}. {cause}?",
-            tuple(lines),
-            occasion,
-        )
+        ends = moment - self.reach, moment + self.reach
+        happened = spans, dataset.trial(trial).path, round(moment, 6), ends, size
+        statement = f"{where}: {change}. {cause}?"
+        return Event(kind, *happened, statement, tuple(lines), occasion)
 
-    def _described(self, dataset: Dataset) -> tuple[str, str, Estimate]:
+    def _described(self) -> tuple[str, str, Estimate]:
         """Return kind and change in words, and the size of the change."""
         name, (level, usual) = self.name, self.levels
         pairs = (self.inside, level), (self.outside, usual)
@@ -581,21 +539,10 @@ class _Change(NamedTuple):
         if known is None and size.value < Limit.max_idle_share:
             if name == PULL:
                 return "silent", "the cables transmit nothing", size
-            if held := self._held(dataset, name):
-                return "frozen", f"{subject} stays at {held}", size
             return "dead", f"{subject} no longer follows the motion", size
         verb = "are" if name == PULL else "is"
         change = f"{subject} {verb} {SIZE} times that of the rest"
         return name if known or name == PULL else "gain", change, size
-
-    def _held(self, dataset: Dataset, name: str) -> str:
-        """Return the reading at which a sensor stays in the part, or ""."""
-        trial, (start, stop) = next(iter(self.spans.items()))
-        known = dataset.trial(trial)
-        inside = (known.time >= start + self.reach) & (known.time < stop - self.reach)
-        values = known.channel(name)[inside]
-        still = values.size > 1 and np.ptp(values) == 0.0
-        return f"{format_number(float(values[0]))} N m" if still else ""
 
 
 _CAUSES = {
@@ -607,7 +554,6 @@ _CAUSES = {
     "joint_torque_offset": "was the joint's torque sensor zeroed or hit",
     PULL: "was it another device, or another pretension",
     "silent": "was the cable off, or slack for good",
-    "frozen": "did the sensor or its logger stop",
     "dead": "is the sensor or its wire broken",
     "gain": "was the sensor's gain changed, or the sensor exchanged",
 }
@@ -710,15 +656,15 @@ def _lasting(
         return {trial: within}
     after = ~within if within[0] else within
 
-    def level(of: str, kept: NDArray[np.bool_]) -> float:
+    def level(of: str, kept: NDArray[np.bool_]) -> tuple[float, float]:
         product, square = _sums(tracks, name, {of: kept})
-        return product / max(square, 1e-300)
+        return product / max(square, 1e-300), square
 
-    old, new = level(trial, ~after), level(trial, after)
+    old, new = level(trial, ~after)[0], level(trial, after)[0]
     every = {n: np.ones(t.time.size, dtype=bool) for n, t in tracks.items()}
-    squares = {n: _sums(tracks, name, {n: kept})[1] for n, kept in every.items()}
-    least = Limit.min_event_share * max(squares.values())
-    usual = {n: level(n, kept) for n, kept in every.items() if squares[n] > least}
+    known = {n: level(n, kept) for n, kept in every.items()}
+    least = Limit.min_event_share * max(square for _, square in known.values())
+    usual = {n: own for n, (own, square) in known.items() if square > least}
     is_new = {n: abs(own - new) < abs(own - old) for n, own in usual.items()}
     names = list(tracks)
     place = names.index(trial)
@@ -741,12 +687,10 @@ def _locate(
     """
     count, block = len(track.conditions), track.block
     rough = (block >= first) & (block < last)
-    signal = track.signals[name]
-    levels = [
-        float(np.sum((signal * track.error)[:, kept]))
-        / max(float(np.sum(signal[:, kept] ** 2)), 1e-300)
-        for kept in (rough, ~rough)
-    ]
+    signal, levels = track.signals[name], []
+    for kept in (rough, ~rough):
+        product, square = _sums({"": track}, name, {"": kept})
+        levels.append(product / max(square, 1e-300))
     squares = [(track.error - level * signal) ** 2 for level in levels]
     worse = np.concatenate([[0.0], np.cumsum((squares[0] - squares[1]).sum(axis=0))])
     ends, reach, time = [0, block.size], 0.0, track.time

@@ -245,7 +245,7 @@ class TrialError:
 class Event:
     """Change at one moment, which is left out of what is judged."""
 
-    kind: str  # constant that changed, or `silent`, `frozen`, `dead`, `gain`, `pull`
+    kind: str  # constant that changed, or `silent`, `dead`, `gain`, `pull`, `device`
     # Its part of every trial that it concerns (from, to) [s], infinite up to the ends
     spans: Mapping[str, tuple[float, float]]
     file: str  # of the first of those trials

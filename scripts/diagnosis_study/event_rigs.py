@@ -35,7 +35,7 @@ NAMES = {
     "cable_off": ("silent",), "cable_off_for_good": ("silent",),
     "slip": ("joint_angle_offset",), "slip_between": ("joint_angle_offset",),
     "zeroed": ("joint_angle_offset",), "zeroed_between": ("joint_angle_offset",),
-    "dead": ("dead",), "frozen": ("frozen", ""), "gain": ("gain",),
+    "dead": ("dead",), "frozen": ("",), "gain": ("gain",),
     "gain_between": ("gain",), "friction": ("friction",),
     "pretension": ("pretension",), "one_trial": ("pretension",),
     "devices": ("device", "axial_stiffness", "friction", "pretension"),

@@ -364,21 +364,6 @@ def trial_trends(
     return tuple(sorted(tried, key=lambda each: each.chance))
 
 
-def trial_step(found: TrialConstants) -> Trend:
-    """Return the most significant step of a parameter from one trial to the next.
-
-    The ordinate is the first trial after the step. The chance allows for all places.
-    """
-    good = np.flatnonzero(np.isfinite(found.change))
-    known, order = (found.change[good], found.error[good]), np.arange(good.size)
-    tried = [
-        _trend(found.trials[good[k]], (order >= k).astype(float), *known)
-        for k in order[1:]
-    ]
-    best = min(tried, key=lambda each: each.chance)
-    return best._replace(chance=min(1.0, len(tried) * best.chance))
-
-
 def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
     """Test a trend by weighted regression with Student's t (Hartung and Knapp 2001).
 
@@ -664,21 +649,6 @@ class TrialDifferences(NamedTuple):
             axis, moves = "trial", "differs from trial to trial"
             short = f"{moves} without a trend"
             test = f" It follows no trend ({tests[0]})." if tests else ""
-            step = trial_step(best)
-            if step.chance < level:
-                place = best.trials.index(step.ordinate)
-                between = f"between {best.trials[place - 1]} and {step.ordinate}"
-                size = format_number(math.exp(step.slope) if factor else step.slope)
-                own = f"{size} {best.parameter.unit}"
-                size = f"a factor of {size}" if factor else own
-                moves = f"steps {between}"
-                short = f"{moves}, by {size}"
-                test = (
-                    f" It steps by {size} {between} (t = {format_number(step.t)} with "
-                    f"{step.freedom} degrees of freedom, p = "
-                    f"{format_number(step.chance)}) and stays: something slipped or "
-                    "was changed there."
-                )
         text = f"{capitalise(name)} {moves}. {takes}{test}"
         return [(f"{name} {short}", Where(worst, axis, best.share, text))]
 

@@ -25,7 +25,7 @@ TORQUES = ("motor_torque_nm", "joint_torque_nm")
 
 
 class Happening(NamedTuple):
-    """What happened: its kind (`KINDS`), first trial, and time in it [s]."""
+    """Kind of an event (`KINDS`), and the trials that it concerns."""
 
     kind: str
     trial: int

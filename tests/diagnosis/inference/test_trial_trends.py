@@ -12,9 +12,7 @@ from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
 from cc_mujoco.diagnosis._fit.trials import (
     TrialConstants,
-    TrialDifferences,
     trial_constants,
-    trial_step,
     trial_trends,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -78,40 +76,3 @@ def test_a_trend_is_claimed_as_often_as_its_statistic_says(scatter: float) -> No
         drifting = found._replace(change=change - 6.0 * spread * (order["order"] - 3.5))
         assert trial_trends(drifting, order)[0].chance < Limit.trend_false_alarm_rate
     assert 0.01 < np.mean(claimed) < 0.1
-
-
-@pytest.mark.parametrize("scatter", [0.3, 10.0])
-def test_a_step_between_two_trials_is_placed_and_no_scatter_is_one(
-    scatter: float,
-) -> None:
-    random, names = np.random.default_rng(1), tuple("abcdefgh")
-    claimed = []
-    for _ in range(100):
-        error = 0.01 * random.uniform(0.5, 2.0, 8)
-        change = np.hypot(error, 0.01 * scatter) * random.normal(size=8)
-        found = TrialConstants(FRICTION, names, change, error, 1.0)
-        claimed.append(trial_step(found).chance < 0.05)
-        k = int(random.integers(1, 8))
-        small = TrialConstants(FRICTION, names, 0.01 * change, error, 1.0)
-        later = np.arange(8) >= k
-        step = trial_step(small._replace(change=small.change + 0.5 * later))
-        assert step.ordinate == names[k] and step.chance < 1e-4
-        assert step.slope == pytest.approx(0.5, abs=0.01 * scatter)
-    assert np.mean(claimed) < 0.1
-
-
-@pytest.mark.parametrize("place", range(1, 6))
-@pytest.mark.parametrize("size", [-0.0115, 0.4])
-def test_a_step_is_said_with_its_place_and_size(place: int, size: float) -> None:
-    angle = Tuned(Parameter("joint_angle_offset", "rad"), 0.0, 1.0, -1.0, 1.0)
-    error = np.full(6, 1e-3 * abs(size))
-    off = size * ((np.arange(6) >= place) - 1.0 + place / 6.0)
-    found = TrialConstants(
-        angle, tuple("uvwxyz"), off + error * np.array([1, -1] * 3), error, 1.0
-    )
-    differences = TrialDifferences((found,), {"order of the trials": np.arange(6.0)})
-    ((short, where),) = differences.described("")
-    between = f"between {'uvwxyz'[place - 1]} and {'uvwxyz'[place]}"
-    assert f"steps {between}, by" in short and where.axis == "trial"
-    assert f"rad {between} (t = " in where.statement
-    assert "follows no trend" not in where.statement

@@ -176,7 +176,7 @@ def test_a_run_in_does_not_count(sprung: tuple[BaselineFit, Rivals]) -> None:
 
 
 def test_where_no_trial_settles_a_tie_the_standard_ones_are_proposed_together(
-    sprung: tuple[BaselineFit, Rivals], monkeypatch: pytest.MonkeyPatch
+    sprung: tuple[BaselineFit, Rivals], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     comparison = Comparison(sprung[1])
     whole = Comparison.expected
@@ -196,6 +196,8 @@ def test_where_no_trial_settles_a_tie_the_standard_ones_are_proposed_together(
     tables = tomllib.loads("\n".join(planned.facts))["trials"]
     assert tuple(tables) == planned.trials
     assert sum(table.get("unhooked", False) for table in tables.values()) == 2
+    write_proposed(tmp_path, planned, found.motions, "")
+    assert tuple(trial.name for trial in read_plan(tmp_path)) == planned.trials
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

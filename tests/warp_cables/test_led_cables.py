@@ -113,21 +113,24 @@ def moved(spec: mujoco.MjSpec):
 
 
 @pytest.mark.parametrize(
-    ("name", "angle", "tension"),
+    ("name", "seconds", "angle", "tension"),
     [
-        ("finger", 3e-6, 8e-5), ("hand", 7e-6, 2e-4),
-        ("exosuit", 2e-4, 5e-4), ("bilateral", 1.4e-4, 8e-5),
+        ("finger", 0.25, 3e-6, 8e-5), ("hand", 0.25, 7e-6, 2e-4),
+        ("exosuit", 0.25, 1.4e-4, 5e-4), ("bilateral", 0.25, 3e-5, 8e-5),
+        ("endoscope", 10.0, 6e-6, 2e-5), ("finger", 10.0, 1.2e-4, 4e-4),
+        ("hand", 10.0, 3e-4, 1e-3), ("exosuit", 10.0, 3e-4, 5e-4),
+        ("bilateral", 4.0, 3e-4, 3e-4),
     ],
 )  # fmt: skip
-def test_a_device_moves_as_with_the_plugin(name, angle, tension):
+def test_a_device_moves_as_with_the_plugin(name, seconds, angle, tension):
     """Rounding of a suit's path, 3e-8 m, is 2e-3 N, and soft ends make it angles.
 
     It also decides which layers of rope on its drums become one, 3e-4 of the tension.
     """
     spec = mujoco.MjSpec.from_file(str(scene_path(name)))
     control = moved(spec)
-    angles, tensions = played(spec, control, 0.25)
-    found, pulls = played_on_warp(spec, control, 0.25)
+    angles, tensions = played(spec, control, seconds)
+    found, pulls = played_on_warp(spec, control, seconds)
     assert np.ptp(tensions, axis=0).max() > 0.2 * tensions.max()
     assert np.abs(found - angles).max() < angle
     assert np.abs(pulls - tensions).max() < tension * tensions.max()

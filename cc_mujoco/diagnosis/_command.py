@@ -135,7 +135,9 @@ class Diagnose:
         places = found.where[: int(unknown)]
         stated = found.occasions, found.belief, found.learned, *places
         occasions, belief, *where = (each.statement if each else "" for each in stated)
-        for remark in (occasions, found.instruments, belief, found.question, *where):
+        happened = [f"{e.statement} {e.advice}" for e in found.events]
+        remarks = *happened, occasions, found.instruments, belief, found.question
+        for remark in (*remarks, *where):
             if remark:
                 print(f"  {remark}")
         for problem in found.problems:

@@ -223,17 +223,8 @@ def run_inference(
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
     events = [sized(event, found.estimated) for event in events]
-    asked = [
-        f"{event.statement} It is judged without: {event.declaration[0]}"
-        f"{' and so on, see `events` in verdict.json' * (len(event.declaration) > 1)}."
-        for event in events
-    ]
-    diagnosis = replace(
-        diagnosis,
-        baseline=Baseline(values, open_ones),
-        events=tuple(events),
-        question=" ".join([*asked, diagnosis.question]).strip(),
-    )
+    known = Baseline(values, open_ones)
+    diagnosis = replace(diagnosis, baseline=known, events=tuple(events))
     return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
 
 

@@ -376,6 +376,8 @@ class _Change(NamedTuple):
         if last - first < len(tracks[trial].conditions):
             noise = _noise(problem)
             within, reach = _locate(tracks[trial], step.name, first, last, noise)
+            # The low-pass of the torques spreads a step by as much.
+            reach = max(reach, *(0.5 / record.band for record in problem.plant.records))
             inside = _lasting(tracks, step.name, trial, within)
             compared = {trial: tracks[trial]} if len(inside) == 1 else tracks
         every = {n: np.ones(t.time.size, dtype=bool) for n, t in compared.items()}
@@ -481,17 +483,17 @@ class _Change(NamedTuple):
         spans = self.spans
         (trial, (start, stop)), *others = spans.items()
         whole = math.isinf(start) and math.isinf(stop)
-        near = f"(± {format_number(max(self.reach, 1e-3), self.reach)} s)"
+        near = f"(± {format_number(self.reach)} s)"
         edges = [
             f"{word} {format_number(edge, self.reach)} s {near}"
             for word, edge in (("from", start), ("until", stop))
             if math.isfinite(edge)
         ]
-        where = f"Trial {trial} {' '.join(edges)}".rstrip()
+        where = " ".join([f"Trial {trial}", *edges])
         if whole and others:
             where = f"Trials {list_words(spans)}"
         elif others:
-            where += f" and {list_words(name for name, _ in others)}"
+            where = f"{capitalise(edges[0])} of {trial} to the end of {others[-1][0]}"
         kind, change, size = self._described()
         causes = [_CAUSES[kind], *(_CAUSES[n] for n in rivals if n in _CAUSES)]
         cause = capitalise(", or ".join(dict.fromkeys(causes)))
@@ -503,7 +505,7 @@ class _Change(NamedTuple):
             low, high = float(time[0]), float(time[-1])
             kept = [(low, min(start, high)), (max(stop, low), high)]
             known = [[round(a, 3), round(b, 3)] for a, b in kept if a < b]
-            lines.append(f"trials.{trial!r}.valid = {known}")
+            lines.append(f"[trials.{trial!r}] valid = {known}")
         lines += _declaration(dataset, gone, occasion)
         moment = math.nan if whole else start if math.isfinite(start) else stop
         ends = moment - self.reach, moment + self.reach
@@ -571,7 +573,7 @@ def _declaration(
     """Return lines that make trials an occasion, or the advice to leave them out."""
     if not occasion:
         return tuple(f"leave out {dataset.trial(name).path}" for name in names)
-    return tuple(f"trials.{name!r}.occasion = {occasion!r}" for name in names)
+    return tuple(f"[trials.{name!r}] occasion = {occasion!r}" for name in names)
 
 
 def _occasion(dataset: Dataset, names: Sequence[str]) -> str:

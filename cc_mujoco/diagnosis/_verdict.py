@@ -256,6 +256,13 @@ class Event:
     declaration: tuple[str, ...]  # lines for `dataset.toml`, or what to do
     occasion: str = ""  # under which whole trials are judged; "" if they are left out
 
+    @property
+    def advice(self) -> str:
+        """How it is judged, and the first line to declare."""
+        first, *more = self.declaration
+        others = f" and {len(more)} more lines, in verdict.json" if more else ""
+        return f"The rest is judged without; if so, declare it: {first}{others}."
+
 
 @dataclass(frozen=True)
 class Baseline:

@@ -33,7 +33,7 @@ from cc_mujoco.diagnosis._phrases import (
 from cc_mujoco.diagnosis._report import drawings
 from cc_mujoco.diagnosis._report.drawings import Excerpt
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp
+from cc_mujoco.diagnosis._verdict import Diagnosis, Event, Evidence, RunnerUp
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import (
     Html,
@@ -265,6 +265,13 @@ def _step_item(title: str, text: str) -> Html:
     return join_pieces([element("strong", f"{title}: "), text])
 
 
+def _event(event: Event) -> Html:
+    lines = element("pre", "\n".join(event.declaration))
+    title = "The rest is judged without it. If so, declare it in dataset.toml:"
+    asked = paragraph(element("strong", "Once: "), event.statement)
+    return join_pieces([asked, folded(title, lines)])
+
+
 def header(diagnosis: Diagnosis, picture: Html) -> Html:
     tried = tried_sentence(diagnosis) if diagnosis.verdict == "unknown" else ""
     return element(
@@ -272,6 +279,7 @@ def header(diagnosis: Diagnosis, picture: Html) -> Html:
         paragraph("Diagnosis of a cable transmission", kind="small"),
         element("h1", headline(diagnosis)),
         picture,
+        *map(_event, diagnosis.events),
         next_command(diagnosis),
         next_steps(diagnosis),
         *([paragraph(diagnosis.belief.statement)] if diagnosis.belief else []),

@@ -160,7 +160,7 @@ def test_a_cable_that_comes_off_is_an_event_with_its_time() -> None:
     (event,) = found.events
     assert event.kind == "silent" and list(event.spans) == ["run_1"]
     assert event.time == pytest.approx(1.5, abs=0.05)
-    assert "run_1" in found.question and ".valid = [[" in found.question
+    assert "run_1" in event.statement and "] valid = [[" in event.advice
 
 
 @pytest.mark.study

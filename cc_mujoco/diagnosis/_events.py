@@ -483,7 +483,7 @@ class _Change(NamedTuple):
         spans = self.spans
         (trial, (start, stop)), *others = spans.items()
         whole = math.isinf(start) and math.isinf(stop)
-        near = f"(± {format_number(self.reach)} s)"
+        near = f"(± {self.reach:.2g} s)"
         edges = [
             f"{word} {format_number(edge, self.reach)} s {near}"
             for word, edge in (("from", start), ("until", stop))
@@ -631,7 +631,8 @@ def sized(event: Event, estimated: Mapping[str, Estimate]) -> Event:
             size = Estimate(-rest.value, rest.unit, (-high, -low))
         else:
             size = Estimate(1.0 / rest.value, rest.unit, (1.0 / high, 1.0 / low))
-    text = event.statement.replace(SIZE, format_estimate(size))
+    text = event.statement.replace(SIZE, format_estimate(size, f" {size.unit}"))
+    text = text.replace(" 1 (95", " (95")
     return replace(event, size=size, statement=text)
 
 

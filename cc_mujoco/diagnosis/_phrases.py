@@ -113,6 +113,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if kind == "none" and diagnosis.deviating:
         off = list_words([plain_name(each.parameter) for each in diagnosis.deviating])
         return f"Nothing else is missing, but {off} is not what the scene says"
+    if kind == "none" and diagnosis.events:
+        return "Nothing else is missing, but something happened once"
     return {
         "none": "Nothing is missing that these data could show",
         "unknown": "Something is missing, and no known effect takes it to the noise",

@@ -258,7 +258,7 @@ class Event:
 
     @property
     def advice(self) -> str:
-        """How it is judged, and the first line to declare."""
+        """Advice on the declaration, with its first line."""
         first, *more = self.declaration
         others = f" and {len(more)} more lines, in verdict.json" if more else ""
         return f"The rest is judged without; if so, declare it: {first}{others}."

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
 from kept_cases import complete
 
@@ -91,16 +90,15 @@ def summary(records: Sequence[Mapping[str, Any]]) -> str:
             r for r in own if r["named"] == [h for h in [r["hidden"]] if h != "none"]
         ]
         known = [abs(r["late"]) for r in own if r["found"]]
-        rows.append(
-            (event, len(own), sum(r["found"] for r in own),
-             f"{np.max(known or [math.nan]):.3f}", len(right))
-        )  # fmt: skip
+        worst = f"{max(known, default=math.nan):.3f}"
+        counts = (str(len(each)) for each in (own, known, right))
+        rows.append((event, *counts, worst))
     missed = [
         (*(str(r[key]) for key in KEYS), ", ".join(r["kinds"]), f"{r['late']:.3f}",
          f"{r['verdict']} {', '.join(r['named'])}")
         for r in records if not r["found"]
     ]  # fmt: skip
-    heads = ("event", "rigs", "found", "worst time [s]", "rest named right")
+    heads = ("event", "rigs", "found", "rest named right", "worst time [s]")
     text = table(heads, rows)
     if missed:
         text += "\n\n" + table((*KEYS, "kinds", "late", "rest"), missed)

@@ -1,4 +1,3 @@
-from ._checks.content import excitation as excitation
 from ._diagnose import diagnose as diagnose
 from ._diagnose import infer as infer
 from ._diagnose import run_inference as run_inference

@@ -51,7 +51,6 @@ class Limit:
     max_replays = 48  # Replays of a record that are kept, those used last
 
     # Checks of the data.
-    reversal_share = 0.02  # of the range by which a motion comes back at a reversal
     noise_rest_speed_share = 0.02  # of the usual top speed below which nothing moves
     min_hold_time = 0.2  # A hold is at least so long [s]
     min_period_correlation = 0.98  # of a periodic motion with the next period

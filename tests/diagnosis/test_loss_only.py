@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis import diagnose, excitation, load, plan
+from cc_mujoco.diagnosis import diagnose, load, plan
 from cc_mujoco.diagnosis._verdict import Diagnosis
 from cc_mujoco.errors import CableError
 from diagnosis.dynamometer import STEP, Dynamometer
@@ -90,8 +90,6 @@ def test_one_direction_is_to_be_recorded_again(tmp_path: Path) -> None:
 def test_what_needs_the_motor_angle_is_refused(tmp_path: Path) -> None:
     data = recorded(tmp_path, Dynamometer(), seconds=4.0)
     toml = data / "dataset.toml"
-    with pytest.raises(CableError, match="motor's angle is not measured"):
-        excitation(load([data])[0])
     with pytest.raises(CableError, match="motor's angle is not measured"):
         plan("bench", tmp_path / "plan", dataset_toml=toml)
     toml.write_text(

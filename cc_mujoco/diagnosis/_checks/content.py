@@ -1,4 +1,4 @@
-"""Content of a dataset: noise of its channels, repetitions, rests, excitation.
+"""Content of a dataset: noise of its channels, repetitions, rests.
 
 Repeated trials scatter by the RMS difference of two over the square root of two, which
 no model can explain. The part of a difference that is proportional to that of the motor
@@ -13,15 +13,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._channels import MOTOR_ANGLE
 from cc_mujoco.datasets._data_findings import DataFinding, error
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import digit_of
-from cc_mujoco.datasets._smoothing import SIGMAS_PER_MEDIAN, velocity, velocity_noise
+from cc_mujoco.datasets._smoothing import SIGMAS_PER_MEDIAN, velocity
 from cc_mujoco.datasets._trials import Dataset, FloatArray, Noise, Trial
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import autocorrelation
 
 
@@ -233,178 +231,3 @@ def find_period(angle: FloatArray) -> float | None:
     left, middle, right = match[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return best + (0.5 * float((left - right) / bend) if bend < 0.0 else 0.0)
-
-
-class Excitation(NamedTuple):
-    """Range of speeds, loads and conditions that a dataset covers."""
-
-    duration: float  # time in valid stretches [s]
-    # Slowest and fastest speed of the motor's motions, 2nd and 99th percentile [rad/s]
-    speed: tuple[float, float]
-    reversals: int  # of the motor
-    dwells: tuple[float, float]  # shortest and longest rest between motions [s]
-    dwell_count: int  # number of rests
-    torque: tuple[float, float] | None  # of the joint, 1st and 99th percentile [N m]
-    motor_torque: tuple[float, float] | None  # of the motor; None if not measured
-    turns: float  # range of the motor's angle [revolutions]
-    joint_turns: float  # range of the joint's angle [revolutions]
-    bandwidth: float  # below it lies 99 % of the power of the motor's speed [Hz]
-    repeats: int  # trials that repeat another
-    pretensions: tuple[float, ...]  # the different ones declared [N]
-    temperature: tuple[float, float] | None  # lowest and highest [degC]
-    tensions: int  # cable ends whose tension is measured
-
-    @property
-    def speed_decades(self) -> float:
-        """Powers of ten between the slowest and the fastest speed."""
-        low, high = self.speed
-        return math.log10(high / low) if low > 0.0 else 0.0
-
-    @property
-    def statements(self) -> tuple[str, ...]:
-        """Sentences of the report about this coverage."""
-        low, high = self.speed
-        torque, motor_torque = (
-            f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
-            for ends in (self.torque, self.motor_torque)
-        )
-        rests = ", so dwell and break-away cannot be judged."
-        if self.dwell_count:
-            rests = f" of {self.dwells[0]:.2g} to {self.dwells[1]:.2g} s."
-        repeats = "No trial repeats another."
-        if self.repeats:
-            repeats = f"{_count_text(self.repeats, 'repeat')}."
-        known = self.pretensions
-        tension = (
-            "One pretension and no measured tension, so friction and pretension cannot "
-            "be distinguished."
-        )
-        if self.tensions:
-            ends = _count_text(self.tensions, "cable end")
-            tension = f"Tension is measured at {ends}."
-        elif len(known) > 1:
-            tension = f"{len(known)} pretensions, {known[0]:.3g} to {known[-1]:.3g} N."
-        sentences = [
-            f"{self.duration:.3g} s of valid data.",
-            f"The motor moves at {low:.2g} to {high:.2g} rad/s "
-            f"({self.speed_decades:.1f} decades) and has "
-            f"{_count_text(self.reversals, 'reversal')}.",
-            f"{_count_text(self.dwell_count, 'rest')}{rests}",
-            f"Joint torque {torque}, motor torque {motor_torque}.",
-            f"The motor covers {self.turns:.2g} revolutions, the joint "
-            f"{self.joint_turns:.2g}.",
-            f"99 % of the motion lies below {self.bandwidth:.2g} Hz.",
-            repeats,
-            tension,
-        ]
-        if self.temperature is not None:
-            cold, warm = self.temperature
-            sentences.append(f"Temperature {cold:.3g} to {warm:.3g} degC.")
-        return tuple(sentences)
-
-
-def excitation(dataset: Dataset) -> Excitation:
-    """Return the range of speeds, loads and conditions over all trials of a dataset.
-
-    Raises:
-        CableError: the motor's angle is not measured.
-    """
-    if not dataset.has_motor_angle:
-        raise CableError(
-            f"{dataset.path} declares that the motor's angle is not measured, of which "
-            "the excitation is; give trials with that angle"
-        )
-    trials = dataset.trials
-    known = dataset.noise.get(channels.MOTOR_ANGLE)
-    speeds, rests = [np.empty(0)], []
-    for trial in trials:
-        speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
-        floor = velocity_noise(known.deviation if known else 0.0, trial.step)
-        with np.errstate(invalid="ignore"):
-            speeds.append(speed[speed > max(3.0 * floor, 1e-9)])
-        rests += [(part.stop - part.start) * trial.step for part in find_holds(trial)]
-    warmth = [t.temperature for t in trials if t.temperature is not None]
-    celsius = np.concatenate([np.empty(0), *warmth])
-    temperature = None
-    if celsius.size:
-        temperature = float(np.nanmin(celsius)), float(np.nanmax(celsius))
-    pretensions = {t.facts.pretension for t in trials if not t.facts.unhooked} - {None}
-    names = {trial.name for trial in trials}
-    angles = [_valid_samples(dataset, channel) for channel in channels.ANGLES]
-    turns = [float(np.ptp(a)) / math.tau if len(a) else 0.0 for a in angles]
-    return Excitation(
-        duration=sum(trial.duration for trial in trials),
-        speed=_percentiles(np.concatenate(speeds), 2, 99),
-        reversals=sum(
-            count_reversals(t.motor_angle[part]) for t in trials for part in t.segments
-        ),
-        dwells=(min(rests), max(rests)) if rests else (0.0, 0.0),
-        dwell_count=len(rests),
-        torque=_torques(dataset, channels.JOINT_TORQUE),
-        motor_torque=_torques(dataset, channels.MOTOR_TORQUE),
-        turns=turns[0],
-        joint_turns=turns[1],
-        bandwidth=max((_bandwidth(trial) for trial in trials), default=0.0),
-        repeats=sum(trial.facts.repeat_of in names for trial in trials),
-        pretensions=tuple(sorted(t for t in pretensions if t is not None)),
-        temperature=temperature,
-        tensions=sum(channels.is_tension(name) for name in dataset.channels),
-    )
-
-
-def count_reversals(angle: FloatArray) -> int:
-    band = Limit.reversal_share * float(np.ptp(angle)) if len(angle) else 0.0
-    if not band > 0.0:
-        return 0
-    # Only the extremes between which the angle changes by more than the band count.
-    steps = np.diff(angle)
-    rows = np.flatnonzero(steps)
-    bends = rows[1:][np.sign(steps[rows[1:]]) != np.sign(steps[rows[:-1]])]
-    extremes = angle[np.concatenate([[0], bends, [len(angle) - 1]])]
-    count, way, best = 0, 0, float(extremes[0])
-    for value in extremes[1:]:
-        change = float(value) - best
-        if way == 0:
-            if abs(change) > band:
-                way, best = (1 if change > 0 else -1), float(value)
-        elif change * way > 0.0:
-            best = float(value)
-        elif abs(change) > band:
-            count, way, best = count + 1, -way, float(value)
-    return count
-
-
-def _bandwidth(trial: Trial) -> float:
-    """Return the frequency below which 99 % of the motor speed's power lies [Hz]."""
-    from scipy.signal import welch
-
-    part = max(trial.segments, key=lambda part: part.stop - part.start)
-    speed = velocity(trial.motor_angle[part], trial.step)
-    length = min(len(speed), max(256, round(10.0 / trial.step)))
-    frequency, power = welch(speed, trial.rate, nperseg=length, detrend="constant")
-    if not power.sum() > 0.0:
-        return 0.0
-    share = np.cumsum(power) / power.sum()
-    return float(frequency[np.searchsorted(share, 0.99)])
-
-
-def _valid_samples(dataset: Dataset, channel: str) -> FloatArray:
-    parts = [t.channel(channel)[part] for t in dataset.trials for part in t.segments]
-    return np.concatenate([np.zeros(0), *parts])
-
-
-def _torques(dataset: Dataset, channel: str) -> tuple[float, float] | None:
-    if dataset.trials and channel not in dataset.channels:
-        return None
-    return _percentiles(_valid_samples(dataset, channel), 1, 99)
-
-
-def _percentiles(values: FloatArray, low: float, high: float) -> tuple[float, float]:
-    if not len(values):
-        return 0.0, 0.0
-    ends = np.percentile(values, [low, high])
-    return float(ends[0]), float(ends[1])
-
-
-def _count_text(number: int, word: str) -> str:
-    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"

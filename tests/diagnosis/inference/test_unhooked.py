@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.datasets import Dataset, Trial, TrialFacts
-from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of, prepare
+from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._checks.readings import check_bench, check_trials
 from cc_mujoco.diagnosis._fit.fit import prepare_start
@@ -80,7 +80,6 @@ def test_no_check_expects_cables_that_were_taken_off(data: Dataset) -> None:
     assert (
         not check_trials([off]) + check_bench([off], BENCH) + check_lead([off], BENCH)
     )
-    assert excitation(data).pretensions == ()
 
 
 def test_a_file_declares_it(tmp_path: Path) -> None:

@@ -341,8 +341,8 @@ class Cable:
         """Read a cable from configuration text of an MJCF file.
 
         Args:
-            config: key to text; missing keys take their default. Of loading curves
-                `from_mjcf` makes numbers before.
+            config: key to text; missing keys take their default. Loading curves are
+                refused: `from_mjcf` fits them.
             where: place to name in an error, for instance the plugin instance.
 
         Raises:

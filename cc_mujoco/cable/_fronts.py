@@ -37,9 +37,9 @@ def overcome_direction(
 ) -> int:  # fmt: skip
     """Return the direction in which a segment at rest breaks away, 0 if it holds.
 
-    `proximal` and `distal` are its tensions [N], `hold_distal` and `hold_proximal` the
-    ratios that it holds against motion towards distal (+1) and proximal (-1), and
-    `tolerance` is the relative excess over its limit that counts as holding.
+    `proximal`, `distal` are its tensions [N], `drag` is in [N], `hold_distal` and
+    `hold_proximal` are the ratios that it holds against motion to distal (+1) and
+    proximal (-1), `tolerance` is the relative excess that counts as holding.
     """
     if distal > (hold_distal * proximal + drag) * (1.0 + tolerance):
         return 1

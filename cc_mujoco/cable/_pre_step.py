@@ -60,9 +60,9 @@ def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
 
 @internal
 def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
-    """Return the heat of the stretch that nodes lose, times their mean tension [J].
+    """Return the heat of lost stretch: each node's times its mean tension [J].
 
-    Where the path lengthens, the stretch is of unstretched rope.
+    Where the path lengthens, it is converted from unstretched rope.
     """
     before, after = at.tensions(step.state, n), at.tensions(step.new_state, n)
     lost, total = at.node_row(step.work, n, LOST_ROW), 0.0

@@ -172,7 +172,7 @@ def preslide(n: int, chain: Chain, step: Step) -> bool:
 
     Rows of scratch: `SPRING` is the stiffness of each segment's bristles [N/m], `HELD`
     their force [N] before and after the step. `SLIPPED` is the expected slip direction
-    on input, and on output the slip [m]: displacement less stretch of the bristles.
+    on input, and on output the slip [m]: displacement less added bristle stretch.
     """
     work, node = step.work, at.tensions(step.new_state, n)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)

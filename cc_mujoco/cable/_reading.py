@@ -52,9 +52,9 @@ def read_states(
     """Return the reading of one cable in simulations with `states` (k, m).
 
     The bits are the same for one simulation and for many. The cable's state begins at
-    column `start`; its nodes, if slack, have `compliance` (n + 1,) [m/N]. On an open
-    path these are springs, slack rope has `strain` by tension [1/N], and the lengths of
-    path of the nodes begin at column `lengths`; else that is -1.
+    column `start`. A slack node has `compliance` (n + 1,) [m/N]; on an open path that
+    leaves out its rope, which has `strain` per tension [1/N]. Path lengths of nodes
+    begin at column `lengths`, -1 if the path is not open.
     """
     n = len(compliance) - 1
     tension = np.empty((len(states), n + 1))

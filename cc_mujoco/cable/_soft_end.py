@@ -59,7 +59,7 @@ def _spring(points: FloatMatrix, count: int, x: float) -> SoftEnd:
 def fit_curve(points: FloatMatrix, count: int) -> SoftEnd:
     """Fit the spring to a loading curve of `count` rows, extension [m] and force [N].
 
-    Its numbers are NaN where these are not 4 or more that rise from no negative force.
+    Its numbers are NaN unless the rows are at least 4, and rise from 0 N or more.
     """
     rises = count >= 4 and 0.0 <= points[0, 1] < points[count - 1, 1]
     for i in range(1, count):

@@ -261,10 +261,10 @@ def _plan(
     """Plan accelerations `push` [rad/s^2] of a motor that turns only in `sense`.
 
     They are followed by the first command [N m] if the rate of the command is too
-    limited, else NaN. `caution` is the initial deficit of the torque [N m]. Return the
-    mean squared torque error over the horizon [(N m)^2], the mean of that on the
-    planned path and on the wanted one, which no travel of the motor delays. It is
-    infinite if the plan might exceed the allowed iterations.
+    limited, else NaN. `caution` [N m], which decays, is taken off the desired torque.
+    Return the mean squared torque error [(N m)^2], half of it on the planned path, half
+    on the wanted one, to which the motor jumps. It is infinite if the plan might exceed
+    the allowed iterations. `joint` is its angle.
     """
     cables, tune, ahead, new = planner.cables, planner.tune, planner.ahead, planner.new
     gains = planner.tables.gains[int(ahead[at.BELIEVED_DELAY])]

@@ -170,7 +170,7 @@ class Bench:
         return np.asarray(-course.reach[: path.ramp + 1] / self.drawn_radius)
 
     def share(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
-        """Return the moment arm at joint angles [rad] over that at 0; see `turned`."""
+        """Return the arm at joint angles over that at 0, (1,) if round; as `turned`."""
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
             return np.asarray(-course.slope[2 * path.ramp :] / self.drawn_radius)
@@ -186,7 +186,7 @@ class Bench:
     def carried(self, motor: FloatArray) -> FloatArray:
         """Return the joint angle (samples,) [rad] at which cables keep their length.
 
-        It is clipped to the angles at which the scene is valid.
+        Without a round pulley it is clipped to angles of `profile`.
         """
         if self.profile is None:
             return np.asarray(self.motor_radius / self.joint_radius * motor)

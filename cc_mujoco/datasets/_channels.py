@@ -103,7 +103,7 @@ def spellings(channel: str) -> dict[str, str]:
 
 
 def tension_channel(column: str) -> str:
-    """Return the channel of a tension column in any unit of force, "" if it is none."""
+    """Return the channel of a tension column, "" if none; raise if it is no force."""
     name = r"(tension_(?:.+_)?(?:proximal|distal)_)[a-z]+"
     if (found := re.fullmatch(name, column)) is None:
         return ""

@@ -47,8 +47,8 @@ def sort_rows(recording: Recording) -> Recording | None:
 
     Rows that a logger wrote late or a database returned in any order are sorted. Rows
     without a time, and all but the first of those with equal times, are left out. The
-    result is None, with a finding, if two runs of rows cover the same time (recordings
-    were joined or a clock was set) or if time runs backwards throughout.
+    result is None, with an error, if two runs of rows cover the same time (recordings
+    joined, a clock set), time never or only falls, or many times lack.
     """
     times = {TIME: recording.values[TIME], **recording.clocks}
     orders = {}
@@ -168,7 +168,7 @@ class SampledTrack:
     def thinned(
         self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
     ) -> SampledTrack:
-        """Return the track with `thin` applied to each signal, in parts of `counts`."""
+        """Return the track after `thin` of each signal; `counts` are its segments'."""
         values = {channel: thin(value) for channel, value in self.values.items()}
         segments = tuple(part for part in _slices(counts) if part.stop > part.start)
         return replace(self, time=thin(self.time), values=values, segments=segments)
@@ -241,7 +241,7 @@ def find_segments(
 def _suggest_time_unit(
     recording: Recording, file: DatasetFile, rate: float, lasts: float
 ) -> str:
-    """Return advice to declare another unit of time if that gives a likely rate."""
+    """Return advice on a unit of time that gives a likely rate, "" without one."""
     label = recording.labels.get(TIME, TIME)
     now = CLOCK.factors[file.unit(TIME, label)]
     for unit, factor in CLOCK.factors.items():
@@ -294,7 +294,7 @@ def _interpolate(
 def _counted_samples(
     recording: Recording, values: dict[str, FloatArray], facts: TrialFacts
 ) -> NDArray[np.bool_]:
-    """Return the mask (rows,) of complete rows that are unmasked and declared valid."""
+    """Return the mask (rows,) of valid full rows; delete side channels with gaps."""
     time = recording.values[TIME]
     good = np.ones(len(time), dtype=bool)
     mask = values.get(VALID)
@@ -414,7 +414,7 @@ def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
 
 
 def decimate(recording: Recording, track: SampledTrack) -> SampledTrack:
-    """Return a track of at most two minutes at 500 Hz.
+    """Return a track of at most 60,000 samples.
 
     Blocks of samples are averaged down to 500 Hz at least. If that is not enough, 12
     windows evenly spread over the track are kept.

@@ -84,7 +84,7 @@ def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> li
 
 class PullingCable(NamedTuple):
     name: str  # name of the cable
-    others: tuple[str, ...]  # joints that move its path besides that joint
+    others: tuple[str, ...]  # joints but the driven one that move its path
     friction: float  # coefficient of friction
 
 
@@ -106,7 +106,7 @@ def pulling_cables(
 class CoupledScene(NamedTuple):
     path: str  # MJCF file of the scene
     sha256: str  # digest of its text
-    names: tuple[str, ...]  # names of its cables
+    names: tuple[str, ...]  # cables of the axis
     joint: str  # joint that moves the paths
     low: float  # smallest angle of the joint in the data [rad]
     high: float  # largest angle of the joint in the data [rad]

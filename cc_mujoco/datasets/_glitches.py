@@ -21,10 +21,10 @@ _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
 
 
 class _Thresholds(NamedTuple):
-    # It leaves the line through its neighbours by so many usual large changes from one
-    # reading to the next. White noise does so once in 10^100 readings.
+    # Height of a spike, by usual large changes from one reading to the next. White
+    # noise reaches it once in 10^100 readings.
     change: float = 8.0
-    digits: float = 10.0  # and by so many quantisation steps
+    digits: float = 10.0  # and by quantisation steps
     beside: int = 10  # readings on either side that are calm
     calm_quantile: float = 0.7  # of their changes
     readings: int = 50  # fewer tell nothing

@@ -109,7 +109,7 @@ class SingleCell(NamedTuple):
 
 
 def torque_radius(torque: str, bench: Bench) -> float:
-    """Return the motor pulley's or, by channel, the joint pulley's radius [m]."""
+    """Return the radius of the pulley at the end of the channel `torque` [m]."""
     motor = torque == channels.MOTOR_TORQUE
     return bench.motor_radius if motor else bench.joint_radius
 

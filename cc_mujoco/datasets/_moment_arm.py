@@ -88,7 +88,7 @@ def single_hinge(
 
 
 def swept_angles(model: mujoco.MjModel, joint: str, count: int = 4001) -> FloatArray:
-    """Return angles (count,) [rad] over a joint's range in the scene, 0 included."""
+    """Return angles (count,) [rad] over a joint's range, or +-3, extended to 0."""
     index = model.joint(joint).id
     low, high = -3.0, 3.0
     if model.jnt_limited[index]:

@@ -329,7 +329,7 @@ class _Table:
         return streams
 
     def plain(self, topical: bool, several: bool) -> list[str]:
-        """Return the columns that are neither the file's time nor message stamps."""
+        """Return the columns but stamps and, of one of `several` files, its times."""
         known = columns.stamp_columns(self.names)
         left = {*known, *(name for pair in known.values() for name in pair)}
         if several:

@@ -46,7 +46,7 @@ lengths, wrap) is in the scene, but for `exit_angle` (pi unless given: conduits 
 side, one on either side). The load is what the joint turns, itself included. None but
 the angles is negative."""
 LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
-"""Those that make a joint's torque of its motion; with their angles."""
+"""Those that, with their angles, give a joint's torque by motion."""
 
 
 def read_rig(table: Table) -> dict[str, Constant]:
@@ -163,7 +163,7 @@ class MomentArm:
 
     @property
     def joint(self) -> FloatArray:
-        """Joint angles (angles,) [rad], increasing, at which the arm is above 0."""
+        """Joint angles (angles,) within +-2 rad, rising, where the arm is above 0."""
         angles = np.linspace(-2.0, 2.0, 401)
         return angles[self.share(angles) > 0.0]
 

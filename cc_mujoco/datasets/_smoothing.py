@@ -21,8 +21,8 @@ def velocity(
 ) -> FloatArray:
     """Return the rate of change by a zero-phase Savitzky-Golay filter of second order.
 
-    A parabola is fitted to the samples within 0.05 s around each sample (at least
-    five); its slope there is the speed (Savitzky and Golay, Anal. Chem. 36, 1964).
+    A parabola is fitted to a window of 0.05 s around each sample (five at
+    least); its slope there is the speed (Savitzky and Golay, Anal. Chem. 36, 1964).
 
     Args:
         angle: (samples,) [rad].

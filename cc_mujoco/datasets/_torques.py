@@ -72,9 +72,9 @@ def add_derived_torques(
 def expected_instruments(file: DatasetFile, bench: Bench) -> Instruments:
     """Return the instruments that a `dataset.toml` declares, before any data exist.
 
-    A table of a torque's column means a sensor; tables of the load cells of all cables
-    at one end mean load cells; a torque constant a current; a load in `[rig]` a known
-    load.
+    A torque's table means a sensor, as does none of these; tables of the load cells of
+    all cables at one end mean load cells; a torque constant a current; a load in
+    `[rig]` a known load.
     """
     found: list[Instrument | None] = []
     for torque, end in load_cells.END_OF_TORQUE.items():

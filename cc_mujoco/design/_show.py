@@ -1,4 +1,4 @@
-"""Simulation of one design of a finished study again, or of two to compare them."""
+"""Designs of a finished study, simulated again by `show` and `write_comparison`."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class Pair(NamedTuple):
 def compare(
     study: FinishedStudy, row: int, against: int, case: int | None = None
 ) -> list[Pair]:
-    """Return variables and metrics of `row` and `against`; `case` as in `show`."""
+    """Return variables, cases and metrics of two designs from the table."""
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
     study.find_user_metrics()

@@ -26,7 +26,7 @@ FILE_ENDINGS = (".xml", ".toml")
 
 
 def is_device_file(source: str | Path) -> bool:
-    """Return whether `source` is the path of a device's file, not a built-in name."""
+    """Return whether `source` ends as a device file and is no built-in name."""
     return str(source) not in SCENES and Path(source).suffix in FILE_ENDINGS
 
 

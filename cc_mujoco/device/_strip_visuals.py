@@ -102,7 +102,7 @@ def remaining_cable(spec: mujoco.MjSpec, cable: Cable) -> Cable:
 
 
 def _counts(spec: mujoco.MjSpec) -> list[int]:
-    """Return the number of elements of each type that affect the physics."""
+    """Return how many elements there are of each type a copy may drop."""
     elements = [spec.joints, spec.actuators, spec.tendons, spec.equalities, spec.keys]
     elements += [spec.pairs, spec.excludes, spec.sensors, spec.flexes, spec.plugins]
     return [len(found) for found in elements]

@@ -255,7 +255,7 @@ def covariance(
     """Return the covariance of fitted parameters (parameters, parameters).
 
     `jacobian` (residuals, parameters) is that of residuals over their noise. Directions
-    without effect get a large finite variance. `residuals`, one array per sensor, are
+    without effect get a large finite variance. `residuals`, one array per signal, are
     allowed for as correlated in time: sandwich covariance with Bartlett weights (Newey
     and West 1987). Without them residuals are taken as independent, of variance 1.
     """

@@ -68,7 +68,7 @@ class WalkingBody:
         model.actuator_biasprm[self.muscles, 2] = -policy.damping
 
     def start(self, data: mujoco.MjData, policy: WalkingPolicy, step: float) -> None:
-        """Set the person's pose and velocity at a fraction `step` of a right step."""
+        """Reset to the gait at `step`: right heel strikes at 0, left heel at 1."""
         model = data.model
         mujoco.mj_resetData(model, data)
         phase = np.array([0.5 * step, 0.5 + 0.5 * step])

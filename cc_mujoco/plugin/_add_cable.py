@@ -63,7 +63,7 @@ class _Site:
 
 @dataclasses.dataclass(frozen=True)
 class _Drive:
-    """Names and numbers of a new drive, valid in a specification and its copies."""
+    """Arguments of `add_cable` by name, valid in a specification and its copies."""
 
     name: str
     joint: str
@@ -247,7 +247,7 @@ def _driving(model: mujoco.MjModel, joint: str, cable: str) -> list[int]:
 def _arms(model: mujoco.MjModel, joint: str) -> FloatArray:
     """Return the largest moment arm of every actuator at a joint (nactuator,) [m].
 
-    The poses are `qpos0` and seven positions of the joint over its range.
+    Poses: `qpos0`, and seven of the joint in its range, or +-0.5 rad.
     """
     data, own = mujoco.MjData(model), model.joint(joint)
     low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)

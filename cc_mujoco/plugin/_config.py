@@ -189,9 +189,9 @@ def length(block: int) -> float:
 
 @compiled
 def spring(block: int, end: int) -> SoftEnd:
-    """Return the spring of a loading curve given for the distal end, 0, or the other.
+    """Return the spring of the loading curve of `end` 0 (distal) or 1 (proximal).
 
-    Its numbers are NaN where there is no curve.
+    Its numbers are NaN without a valid curve.
     """
     points = np.empty((cable.MAX_SECTIONS, SECTION_SIZE))
     return fit_curve(points, _words(key_text(block, _SPRINGS[end, 0]), 2, points))

@@ -189,7 +189,7 @@ def task_of(task: Task) -> int | None:
 
 
 def law_of(controller: Controller | None) -> int | None:
-    """Return a controller's code in `EpisodeRecord`; None if only Python can run it."""
+    """Return the `law` of `EpisodeRecord`, -1 for None; None if only Python runs it."""
     if controller is None:
         return compiled.UNPOWERED
     law = stepped_law(type(controller))
@@ -205,7 +205,7 @@ def _play_inside(
     """Play the episodes inside MuJoCo's steps; return columns as in `Rollout`.
 
     The devices have one axis and one script; `task_of` and `law_of` must know the task
-    and the controllers, one per device. Columns of a failed device are NaN.
+    and the controllers, one per device. A failed device's columns end NaN.
     """
     exo, count = batch.exo, len(batch.devices)
     simulations, failed, going = batch.simulations, batch.failed, batch.going

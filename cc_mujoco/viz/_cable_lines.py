@@ -249,7 +249,7 @@ def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
 def _place(
     model: mujoco.MjModel, data: mujoco.MjData, actuator: int, first: bool
 ) -> Array:
-    """Return a cable end's position (3,) [m]: its joint's anchor or tendon's end."""
+    """Return a cable end (3,) [m]: joint's anchor, or tendon's `first` or last."""
     target = int(model.actuator_trnid[actuator, 0])
     if _on_tendon(model, actuator):
         return np.array(scene3d.tendon_points(data, target)[0 if first else -1])

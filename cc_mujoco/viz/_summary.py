@@ -107,7 +107,7 @@ def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
 def _tension_means(
     log: EpisodeLog, cable: str, every: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Return means over `every` samples (blocks, nodes), and the peak [N]."""
+    """Return means of `every` samples (blocks, nodes), peak of all [N]."""
     # In parts, as all samples would be the largest array of a long episode.
     means, highest = [], 0.0
     left: list[NDArray[np.float64]] = []

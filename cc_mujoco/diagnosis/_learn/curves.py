@@ -36,7 +36,7 @@ SIDES: tuple[Side, ...] = get_args(Side)
 
 class Quantity(NamedTuple):
     unit: str
-    values: Callable[[Signals, Side], FloatArray]  # (samples,) of the torque of a side
+    values: Callable[[Signals, Side], FloatArray]  # (samples,), of a side if it differs
 
 
 def _rising(signals: Signals, side: Side) -> FloatArray:

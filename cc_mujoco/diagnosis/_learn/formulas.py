@@ -19,7 +19,7 @@ class Formula(NamedTuple):
     functions: Callable[..., list[FloatArray]]
     words: str  # of quantity `over`, unit `unit` and shape `a`, `w`
     place: bool = False  # whether it has a place `a`
-    width: bool = False  # whether it has a width `w`, of a sine 1 / frequency
+    width: bool = False  # whether it has a width `w`, of a sine period / 2 pi
 
 
 def _bump(x: FloatArray, a: float, w: float) -> FloatArray:
@@ -90,7 +90,7 @@ def best_shape(
 def neighbours(
     name: str, shape: tuple[float, ...], part: float
 ) -> list[tuple[float, ...]]:
-    """Return shapes with the width times 1 + `part` or less, the place moved by it."""
+    """Return shapes with width times or over 1 + `part`, or place +-`part` widths."""
     formula = FORMULAS[name]
     if not formula.width:
         return []

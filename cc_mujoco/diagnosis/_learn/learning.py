@@ -168,8 +168,8 @@ class ErrorRows:
     def curve(self, own: ErrorRecord, term: CurveTerm, step: int = 1) -> FloatArray:
         """Return torques (columns, rows, samples) of a unit at each point [N m].
 
-        Columns are the points of the term's first side, then those of its second one;
-        of the samples every `step`-th is returned.
+        Columns are points (or functions of the formula) of its first side, then of its
+        second; every `step`-th sample is returned.
         """
         at, parts = self.at(term), []
         for side in term.sides:
@@ -220,7 +220,7 @@ class ErrorRows:
         )
 
     def fitted(self, terms: Sequence[CurveTerm], groups: Groups) -> FloatArray:
-        """Return factors (n,) of all columns for the least error, whose own is 1."""
+        """Return factors (n,) of columns for the least error; the error's is 1."""
         whole, count = self.squares(terms)[groups].sum(axis=0), self.precise.size
         full = whole + 1e-9 * np.diag(np.diag(whole)) + 1e-12 * np.eye(len(whole))
         prior = np.column_stack([np.diag(self.precise), -self.precise * self.places])

@@ -53,9 +53,9 @@ def learn_residual(
 ) -> tuple[Diagnosis, Problem, FloatArray]:
     """Add curves of the unexplained error to a diagnosis and to the model found.
 
-    They are returned with the parameters of the model, fitted to all data. Curves are
-    learned where the verdict is `unknown` or a named model stays far off, but not of an
-    event or of constants that differ from trial to trial.
+    They are returned with the model's parameters, fitted to all data. Curves are
+    learned where the verdict is `unknown` or a named or tied model stays far off, but
+    not of an event or of constants that differ from trial to trial.
     """
     problem, x = found.problem, found.x
     if any(effect.id.startswith(PREFIX) for effect in judged.effects):

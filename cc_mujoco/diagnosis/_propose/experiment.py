@@ -394,10 +394,11 @@ class Comparison:
         return motions(plant.bench, swing, rate, **known)
 
     def expected(self, *trials: CataloguedTrial, least: float = 0.0) -> Expected | None:
-        """Return the separation that trials promise, None below `least` per second.
+        """Return the separation that trials promise, None if too small.
 
-        If one effect were true, the other would be fitted again, to old and new data:
-        only the remaining difference beyond the form error of effects counts.
+        If one effect were true, the other would be refitted to old and new data; only
+        the rest beyond the form error of effects counts. Its square per second must
+        reach `least`.
         """
         records = [as_record(self.problem, motion) for motion in trials]
         counts = np.concatenate([record.counts for record in records])

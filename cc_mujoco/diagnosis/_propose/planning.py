@@ -92,7 +92,7 @@ def planned(
     instruments: Instruments = TORQUE_SENSORS,
     cells: Collection[str] = (),
 ) -> TrialPlan:
-    """Return the smallest set of trials that leaves no effect untestable or tied.
+    """Return trials, chosen one by one, that make effects testable and not tied.
 
     It has the standard trials; those with the cables off come last, as mounting changes
     the pretension. `swing` is the motor's largest angle to either side [rad], `rate`
@@ -173,7 +173,7 @@ def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
 def _gram_matrices(
     problem: Problem, x: FloatArray, ids: Sequence[str]
 ) -> tuple[list[FloatArray], list[tuple[str, float]]]:
-    """Return the Gram matrix of each record, and effect and size of its columns."""
+    """Return the Gram matrix of each record, and owners of its last columns."""
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)
@@ -361,7 +361,7 @@ def _require_possible(bench: Bench, reach: float) -> None:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the motor's default largest angle to either side, within 1 s [rad]."""
+    """Return the default reach of the motor [rad], by stops at most 1 s of `speed`."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else experiment.half_range(bench)
         return min(Limit.default_reach, half)

@@ -42,7 +42,7 @@ class Excerpt(NamedTuple):
 
 
 def excerpts(evidence: Evidence) -> tuple[Excerpt, Excerpt] | None:
-    """Return the stretch in which the baseline errs most, and an ordinary one."""
+    """Return the stretch where the baseline errs most, and an ordinary one; or None."""
     windows = _windows(evidence)
     if not windows:
         return None
@@ -192,7 +192,7 @@ def ranked_maps(evidence: Evidence) -> list[Map]:
 
 
 def shown_maps(evidence: Evidence) -> list[Map]:
-    """Return the maps that chance does not explain, or else the best two."""
+    """Return the best four maps beyond chance, or else the best two."""
     ranked = ranked_maps(evidence)
     real = [each for each in ranked if each.share > each.chance]
     return real[:4] or ranked[:2]
@@ -232,7 +232,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
 
 
 def draw_curves(curves: Sequence[LearnedTable]) -> Figure:
-    """Draw learned curves, a panel for each quantity."""
+    """Draw learned curves, a panel each."""
     drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(curves))
     panels = drawing.subplots(len(curves), squeeze=False)[:, 0]
     for axes, each in zip(panels, curves, strict=True):

@@ -67,7 +67,7 @@ class Earlier(NamedTuple):
     dataset: Path | None  # file with the meaning of the columns, or None
     axis: str | None = None  # recorded axis; None for a device with one
     effects: tuple[str, ...] = ()  # requested effects, as they were named
-    proposed: Path | None = None  # facts of these trials and the proposed ones
+    proposed: Path | None = None  # dataset.toml with the proposed trials
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -121,7 +121,7 @@ class Earlier(NamedTuple):
         return cls(*files, scene.get("axis"), tuple(code), more)
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
-        """Return the path of one `dataset.toml` for the earlier and the new trials.
+        """Return the `dataset.toml` of the earlier and the new trials; None without.
 
         For the proposed trials it is the one written with them. One next to other new
         trials would be ignored and is refused.
@@ -386,7 +386,7 @@ def write_proposed(
     motions: Sequence[CataloguedTrial],
     dataset_toml: str,
 ) -> None:
-    """Write the proposed trials as a plan, after the facts of all others."""
+    """Write the proposed motions, and `dataset.toml` with their facts last."""
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
     with replacing_folder(folder) as place:

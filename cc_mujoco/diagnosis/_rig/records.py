@@ -396,7 +396,7 @@ class Setting(NamedTuple):
         return self.joint_radius / self.motor_radius * self.turned(joint)
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return the pulley angle that winds as much cable as the joint (samples,)."""
+        """Return the angle by which a round joint pulley winds as much (samples,)."""
         return joint if self.profile is None else self.profile.turned(joint)
 
 

@@ -37,9 +37,8 @@ class Source:
     offset: float = 0.0  # reading at true zero
     delay: float = 0.0  # time by which the channel comes late [s]
     clock: str | None = None  # column with the times of this channel; None is `time_s`
-    noise: float | None = None  # standard deviation of the readings; None is not known
-    # quantisation step of the readings; None is not known
-    resolution: float | None = None
+    noise: float | None = None  # raw standard deviation; None is not known
+    resolution: float | None = None  # raw quantisation step; None is not known
     # False where no instrument measures this torque or motor angle
     measured: bool = True
 

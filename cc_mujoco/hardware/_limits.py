@@ -65,7 +65,7 @@ class Limiter:
     """Limiter of a motor's torque, in size and rate.
 
     For any request, two consecutive torques differ by at most rate times period, and
-    none exceeds the limit; the first is zero. Time is counted in cycles, so that a late
+    none exceeds the limit; it starts at zero. Time is counted in cycles, so that a late
     loop makes no larger steps.
     """
 

@@ -348,7 +348,7 @@ class Loop:
                 one.read()
 
     def _next(self, stopping: bool = False) -> None:
-        """Wait for the next deadline, without those already past."""
+        """Wait for the next deadline; skip and check missed ones."""
         self._deadline += self._period
         self._clock.wait(self._deadline)
         self._late = self._clock.now() - self._deadline

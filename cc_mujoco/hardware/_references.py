@@ -1,6 +1,6 @@
 """Desired joint torque of a run: a table in time, a virtual environment, a servo.
 
-    loop = Loop(rig, controller("none", drive), Servo(drive, course), ...)
+    axis = DrivenAxis(rig, drive, Servo(drive, times, angles), limits, dog)
 
 A servo tracks angles of the motor. Its output is the joint torque that corresponds to
 the motor torque without friction, from which the controller `none` computes the motor

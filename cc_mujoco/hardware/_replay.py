@@ -71,7 +71,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
 
 
 def read_rows(path: Path) -> dict[str, Array]:
-    """Return the columns of a log, (T,) each, without an incomplete last line."""
+    """Return the required columns of a log (T,), less an incomplete last line."""
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet

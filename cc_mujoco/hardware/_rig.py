@@ -106,8 +106,8 @@ class PacketRig:
 
     def __init__(self, link: Link) -> None:
         self.ignored = link.ignored
-        """Unused packets by reason: corrupt, repeated, reordered, superseded, or not
-        carried by the link."""
+        """Unused packets by reason: corrupt, repeated, reordered, overtaken, stamp
+        stands still, unreachable, unsent."""
         self.where = link.where  # the address at which it is looked for
         self._link = link
         self._sequence = 0

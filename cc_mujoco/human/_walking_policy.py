@@ -162,7 +162,7 @@ class WalkingController:
     def act(self, senses: Senses, period: float) -> Any:
         """Return the control of the muscles (worlds, legs, joints) [N m].
 
-        The torque of a muscle is its control minus K angle + D rate. `senses` are the
+        The torque of a muscle is its control - K angle - D rate. `senses` are the
         present states, `period` is the time since the last call [s].
         """
         arrays, policy = self._arrays, self._policy

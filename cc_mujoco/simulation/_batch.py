@@ -247,8 +247,8 @@ class Batch:
             for one, seed in zip(worn, seeds, strict=True)
         ]
         self.actuate: Callable[[int, Columns, Array], Array] | None = None
-        """Returns the torque of the motors of a control step, its columns and the
-        torque that the controller commands, which it is by default [N m]."""
+        """Function of control step, its columns and the commanded torque, which
+        returns that of the motors [N m]; None: they give the commanded one."""
         models = [device.model for device in devices]
         count = len(devices)
         self.steps, self.cables = exo.steps, tuple(devices[0].readers)

@@ -285,7 +285,7 @@ def _sense(
 ) -> None:
     """Sample the sensors of axis `n`, in rows that are `going` or `fresh` (just begun).
 
-    `costs` (n,) accumulates the tracking costs of the axes per second. The observation
+    `costs` (rows,) accumulates tracking costs of the axes per second. The observation
     of the axis is written to `observed` from column `first` on.
     """
     last = sensors.errors.shape[1] - 1

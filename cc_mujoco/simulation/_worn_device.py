@@ -203,7 +203,7 @@ class WornDevice:
         return axis_columns(columns, prefixes[axis], prefixes)
 
     def beyond(self, script: Script) -> str:
-        """Return a sentence if a task exceeds motor or safe torque in a script."""
+        """Return a sentence on tasks beyond motor or safe torque in a script, or ""."""
         for n, (axis, task, drive) in enumerate(
             zip(self.description.axes, self.tasks, self.drives, strict=True)
         ):

@@ -29,7 +29,7 @@ def frame_slices(count: int, most: int = 1800) -> Iterator[slice]:
 
 
 def frame_samples(time: Array, rate: float = FRAME_RATE) -> NDArray[np.intp]:
-    """Return the sample nearest to each frame at `rate` [1/s], for one at least."""
+    """Return the samples nearest to frames at `rate` [1/s], for one at least."""
     count = max(1, round(float(time[-1] - time[0]) * rate))
     wanted = time[0] + np.arange(count) / rate
     after = np.clip(np.searchsorted(time, wanted), 1, max(len(time) - 1, 1))

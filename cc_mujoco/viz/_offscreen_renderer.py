@@ -33,8 +33,8 @@ Picture = NDArray[np.uint8]
 class Exposure(NamedTuple):
     """Rendered moving parts, not yet merged with the background; bottom row first."""
 
-    rows: slice  # of what was drawn that hold any of it
-    tiles: list[tuple[slice, slice]]  # rows and columns of parts that hold any of it
+    rows: slice  # drawn rows that hold moving parts
+    tiles: list[tuple[slice, slice]]  # of the picture, which moving parts may cover
     colors: Picture  # of these rows [drawn pixels]
     depth: NDArray[np.float32]  # of these rows [drawn pixels]
 

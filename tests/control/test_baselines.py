@@ -27,6 +27,7 @@ from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._feedback import loop_gains
 from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.simulation import run
 from control.devices import pull_pull, single
 
@@ -74,23 +75,30 @@ def test_the_balance_is_that_of_the_model_when_all_slips(
 
 
 @pytest.mark.parametrize(
-    "scene",
+    ("scene", "duration", "seeds"),
     [
-        pytest.param(scene, marks=[pytest.mark.study] if scene != "wrist" else [])
-        for scene in ORDINARY
+        ("wrist", 1.2, 1),
+        # `inverse` swings about a foot at rest: 0.9 to 1.8 times `pi` in a second of
+        # one seed, 0.73 times in 4 s of four.
+        pytest.param("ankle", 4.0, 4, marks=pytest.mark.study),
+        pytest.param("finger", 1.2, 1, marks=pytest.mark.study),
     ],
 )
 def test_they_are_stable_on_a_light_winch_and_better_than_the_gains_of_the_thesis(
-    scene: str,
+    scene: str, duration: float, seeds: int
 ) -> None:
-    short = dataclasses.replace(ORDINARY[scene], duration=1.2)
-    usual = play(Cell(short, "pi", (0,))).scores["rms_torque_error"][0]
+    condition = dataclasses.replace(ORDINARY[scene], duration=duration)
+
+    def errors(name: str) -> FloatArray:
+        found = play(Cell(condition, name, tuple(range(seeds)))).scores
+        assert not np.any(found["failed"])
+        return found["rms_torque_error"]
+
+    usual = np.mean(errors("pi"))
     names = [name for name, kind in CONTROLLERS.items() if kind in LAWS]
     assert len(names) == len(LAWS)
     for name in names:
-        found = play(Cell(short, name, (0,))).scores
-        assert found["failed"][0] == 0.0
-        assert found["rms_torque_error"][0] < 0.8 * usual, name
+        assert np.mean(errors(name)) < 0.8 * usual, name
 
 
 def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:

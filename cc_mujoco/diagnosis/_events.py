@@ -4,7 +4,7 @@ Effects hold for all trials. What happens once (a cable comes off, a clamp slips
 encoder is zeroed, a sensor fails) is looked for first, and left out of what is judged.
 
 An event changes one constant of the tuned scene or one sensor. To first order the error
-is then a multiple of that constant's derivative, larger from some moment on. Multiples
+is then a multiple of that constant's derivative that steps at one moment. Multiples
 are fitted to blocks of half a second, and every interval of every trial, and every
 division of the trials in two groups, is tested by Student's t on the scatter of the
 blocks beside their speed, angle and torque: what follows the motion is no event. A step
@@ -51,7 +51,7 @@ REST = "the other trials"
 SIZE = "SIZE"
 """Word in place of a size that the final fit gives."""
 PULL = "pull"
-"""Signal of a change of both torques in proportion; others are channels' names."""
+"""Signal of a change of all torques in proportion."""
 
 
 class _Track(NamedTuple):
@@ -60,10 +60,10 @@ class _Track(NamedTuple):
     places: tuple[int, ...]  # of its records
     time: FloatArray  # (samples,) [s]
     error: FloatArray  # (rows, samples) measured minus simulated, over the floor
-    # Change of that error by a unit of each signal (rows, samples), by its name
+    # Change of the torques by a unit of each signal, over the floor (rows, samples)
     signals: Mapping[str, FloatArray]
     block: NDArray[np.intp]  # (samples,) number of the block
-    conditions: FloatArray  # (blocks, 4): 1, speed, angle and torque of each block
+    conditions: FloatArray  # (blocks, 5): 1, RMS speed, angle, mean and RMS torque
 
     def error_at(self, problem: Problem, x: FloatArray) -> FloatArray:
         """Return the error over the floor (rows, samples) at a place."""
@@ -232,7 +232,7 @@ def _signals(
 
 
 def _noise(problem: Problem) -> float:
-    """Return the variance that sensor noise makes of a signal of square 1."""
+    """Return the variance by sensor noise of the multiple of a signal of square 1."""
     records = problem.plant.records
     masks = [record.counts for record in records]
     noise = fitting.kept_samples(problem.noise_over_floor, masks)
@@ -274,7 +274,7 @@ def _tested(
 
 
 def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
-    """Yield the best interval of each signal in each trial."""
+    """Yield the best interval of each signal in each trial, if significant."""
     noise, least = _noise(problem), Limit.min_event_blocks
     for trial, track in tracks.items():
         count = len(track.conditions)
@@ -307,7 +307,7 @@ def _sizes(square: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
-    """Yield the best division of the trials in two groups by each signal."""
+    """Yield by signal up to two significant divisions of the trials in two groups."""
     noise = _noise(problem)
     for signal in dict.fromkeys(n for track in tracks.values() for n in track.signals):
         sums = [np.sum(track.sums(signal), axis=1) for track in tracks.values()]
@@ -340,7 +340,7 @@ def _is_comparable(
     one: Sequence[str],
     other: Sequence[str],
 ) -> bool:
-    """Return whether no condition or range of motion divides two groups of trials."""
+    """Return whether facts, speeds and torques of two groups of trials overlap."""
     records = {record.trial: record for record in problem.plant.records}
 
     def conditions(name: str) -> FloatArray:
@@ -408,10 +408,10 @@ class _Change(NamedTuple):
         return tuple(found)
 
     def left(self, kept: Kept, level: float) -> tuple[float, float, float]:
-        """Return the squared error with a level, its products and samples.
+        """Return the squared error at a level, the level's best change, its weight.
 
-        The second is the change of the level that would take most of it. A large change
-        of a constant, which is not in proportion to its derivative, is simulated.
+        A constant is simulated at its level, as large changes are not in proportion to
+        its derivative. The weight is the square of the signal.
         """
         product = square = error_square = 0.0
         along = np.array([each == self.name for each in self.problem.names], float)
@@ -449,7 +449,7 @@ class _Change(NamedTuple):
         return self.left(self.inside, self.levels[0])[0] < Limit.max_event_rest * before
 
     def exceeds_effects(self) -> bool:
-        """Return whether no effect of the library takes more of the error, at first."""
+        """Return whether, to first order, no effect of the library takes more error."""
         problem, x = self.problem, self.x
         masks = [record.counts for record in problem.plant.records]
         able = [n for n in problem.plant.library.effects if n not in problem.effects]
@@ -467,7 +467,7 @@ class _Change(NamedTuple):
         return not best or own > best[0].explained
 
     def rest_fit(self) -> FloatArray | None:
-        """Return the parameters fitted to all else; None if the part fits them, too."""
+        """Return a fit of all else; None if it also fits the part, or little is left."""
         problem, parts = self.problem, self.masks
         records = problem.plant.records
         rest = [r.free & ~part for r, part in zip(records, parts, strict=True)]
@@ -617,7 +617,7 @@ def leave_out(dataset: Dataset, event: Event) -> Dataset:
 def sized(event: Event, estimated: Mapping[str, Estimate]) -> Event:
     """Return the event with its size by the final fit, where it has an occasion.
 
-    A fit gives the change since the earlier of two occasions.
+    A fit gives the earlier of two occasions relative to the later.
     """
     size = event.size
     own, rest = (

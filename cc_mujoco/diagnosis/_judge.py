@@ -546,13 +546,13 @@ def _runner_up(c: Candidate) -> RunnerUp:
 
 
 def one_time(stretch: Stretch | None, by_trial: str) -> bool:
-    """Return whether the error is one event, of which study rigs had none."""
+    """Return whether one stretch makes the error, or trials differ at random."""
     alone = stretch is not None and stretch.rest <= Limit.max_misfit
     return alone or bool(by_trial)
 
 
 def cause_classes(names: Sequence[str]) -> tuple[CauseClass, ...]:
-    """Return the classes of effects, tied ones included, and of tuned parameters."""
+    """Return the classes of `names`; one that several share only if all are there."""
     known = [CLASSES[name] for name in dict.fromkeys(names) if name in CLASSES]
     shared = Counter(each.causes for each in CLASSES.values())
     here = Counter(each.causes for each in known)
@@ -808,7 +808,7 @@ def belief_in_verdict(
 def _alternatives(
     found: Search, step: Round, leader: str, group: set[str]
 ) -> dict[str, float]:
-    """Return by id `comparison_z` of effect `leader` with each one not in `group`."""
+    """Return `comparison_z` of `leader` with "nothing" and ids not in `group`."""
     beside = {*found.after.problem.effects, *group}
     tried = [c for c in step.candidates if c.crossed is not step.before]
     errors = {c.id: fitting.blocks(c.crossed) for c in tried}

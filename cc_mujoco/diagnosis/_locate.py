@@ -313,7 +313,7 @@ def _traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace
 
 
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
-    """Return the mean error of each channel along each axis, most explained first."""
+    """Return the mean error of channels along axes, most beyond chance first."""
     random = np.random.default_rng(seed)
     last = channel_name(list(traces[0].measured)[-1])
     found = []
@@ -410,7 +410,7 @@ def describe_map(drawn: Map) -> str:
 
 
 def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
-    """Return the diagnosis with the places of its error, and the report's evidence."""
+    """Return the diagnosis with places, trials and question, and the evidence."""
     fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
@@ -437,7 +437,7 @@ def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
 def error_places(
     result: Found, drawn: Sequence[Map], differences: TrialDifferences
 ) -> tuple[Where, ...]:
-    """Return the places of the baseline's error, the main one first."""
+    """Return places of the baseline's and the model's error, the main one first."""
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)
     after = result.problem.torques(result.x)

@@ -32,7 +32,7 @@ class Limit:
     min_segments = 8  # Least segments per cable of a simulation
     min_fitted_friction = 1e-3  # Least coefficient of friction from which a fit starts
     max_fitted_friction = 3.5  # Largest that is fitted; cables take 5, some unbalanced
-    balance_deviation = 0.03  # Relative, of the difference of two cables' friction
+    balance_deviation = 0.03  # Relative, of two cables' friction from their mean
     gain_sigmas = 3.0  # Largest error of a gain over its declared standard deviation
     weight_share = 0.5  # Force of a weight in place of a cable over the pretension
     max_band = 25.0  # Highest frequency compared [Hz]
@@ -199,8 +199,8 @@ class Limit:
 
     # Events.
     event_block = 0.5  # Length of a block [s]
-    event_blocks = 16  # of a trial, or more where these are longer than that
-    max_event_blocks = 40  # of a trial
+    event_blocks = 16  # Least blocks of a trial, shorter if need be
+    max_event_blocks = 40  # Most blocks of a trial, longer if need be
     event_false_alarm_rate = 1e-3  # over all places, signals and trials
     min_event_blocks = 2  # Least blocks of the part and of the rest of a trial
     min_event_freedom = 3  # Least degrees of freedom of the scatter

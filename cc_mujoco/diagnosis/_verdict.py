@@ -23,17 +23,17 @@ MODELS: tuple[Model, ...] = ("before", "after")
 
 @dataclass(frozen=True, eq=False)  # arrays have no truth to compare by
 class TrialTrace:
-    """Signals of one trial; arrays have one entry per compared sample."""
+    """Signals of one stretch of a trial; arrays have one entry per sample."""
 
     trial: str  # its name
     time: FloatArray  # (samples,) [s]
     motor_angle: FloatArray  # as given to the model [rad]
     joint_angle: FloatArray  # as given to the model [rad]
-    # Channel to readings, low-passed as the model's inputs are [N m]
+    # Channel to readings, low-passed as simulated torques are [N m]
     measured: Mapping[str, FloatArray]
     before: Mapping[str, FloatArray]  # of the baseline, fitted to other data [N m]
     after: Mapping[str, FloatArray]  # of the model with the named effects [N m]
-    counts: FloatArray  # 1 where a sample counts; 0 in the run-in after the start
+    counts: FloatArray  # 1 where a sample counts; 0 elsewhere, as in the run-in
 
     def error(self, channel: str, model: Model = "before") -> FloatArray:
         """Return the error of a channel (samples,) by either model [N m]."""
@@ -53,7 +53,7 @@ class Map:
     after: FloatArray  # (bins,) mean error with the named effects
     # (bins,) half width within which chance keeps it in 95 % of cases [N m]
     band: FloatArray
-    share: float  # share of the variance of the baseline's error that the axis explains
+    share: float  # share of the baseline's squared error that the axis explains
     chance: float  # share that chance reaches in 5 % of cases
 
 
@@ -63,7 +63,7 @@ class Isolability:
 
     ids: tuple[str, ...]  # of the effects
     cosines: FloatArray  # (ids, ids) largest cosine between their signatures, 0 to 1
-    visible: FloatArray  # (ids,) size of a plausible effect over the noise
+    visible: FloatArray  # (ids,) RMS change by a typical size over the noise
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Where:
 
     channel: str  # `motor_torque_nm` or `joint_torque_nm`
     axis: str  # quantity along which it lies
-    # Share of the error's variance that the axis explains, 0 to 1
+    # Share of the squared error that the axis explains, 0 to 1
     share_of_error: float
     statement: str  # one plain sentence
 
@@ -243,7 +243,7 @@ class TrialError:
 
 @dataclass(frozen=True)
 class Event:
-    """Change at one moment, which is left out of what is judged."""
+    """Change at a moment or between trials, left out of what is judged."""
 
     kind: str  # constant that changed, or `silent`, `dead`, `gain`, `pull`, `device`
     # Its part of every trial that it concerns (from, to) [s], infinite up to the ends
@@ -342,7 +342,7 @@ class Diagnosis:
     """Verdict in one or two sentences."""
     _: KW_ONLY
     effects: tuple[FoundEffect, ...] = ()
-    """Effects that were named, in the order in which they were added."""
+    """Effects in the model, in the order in which they were added."""
     ties: tuple[tuple[str, ...], ...] = ()
     """Groups of effects that these data cannot distinguish."""
     not_testable: tuple[NotTestable, ...] = ()
@@ -350,7 +350,7 @@ class Diagnosis:
     next_experiment: NextExperiment | None = None
     """Experiment that would separate the first tie, or None."""
     where: tuple[Where, ...] = ()
-    """Locations of the error, the largest share first."""
+    """Locations of the error, the main one first."""
     gap: Mapping[str, Gap] = field(default_factory=dict)
     """Error on held-out data by channel."""
     baseline: Baseline = field(default_factory=lambda: Baseline({}, ()))
@@ -364,9 +364,9 @@ class Diagnosis:
     trials: tuple[TrialError, ...] = ()
     """Errors of every trial."""
     question: str = ""
-    """Question about a trial that contradicts the others, or empty."""
+    """Question or advice about the data to the user, or empty."""
     events: tuple[Event, ...] = ()
-    """Changes at one moment, in the order in which they were found."""
+    """Changes at a moment or between trials, in the order found."""
     deviating: tuple[Deviating, ...] = ()
     """Parameters that had to be tuned beyond their priors."""
     classes: tuple[CauseClass, ...] = ()

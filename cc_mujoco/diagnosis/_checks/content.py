@@ -105,7 +105,7 @@ class Scatter(NamedTuple):
 
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Return an error for each trial that does not repeat what it declares to."""
+    """Return errors for trials that do not repeat what they declare to."""
     moved, changed = [], []
     for original, trial in _repeat_pairs(trials):
         start = f"{trial.path} is declared a repeat of {original.name}, but"
@@ -127,7 +127,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """Return the deviation of a repetition by channel, and the trials compared."""
+    """Return the scatter of repetitions or, if no trial repeats, of periods."""
     pairs = [
         ({original.name, trial.name}, pair)
         for original, trial in _repeat_pairs(trials)
@@ -193,7 +193,7 @@ def _channel_difference(
 
 
 def period_differences(trial: Trial) -> Iterator[Pair]:
-    """Yield the differences by channel between each period and the one before it."""
+    """Yield by stretch the differences of channels from one period to the next."""
     for part in trial.segments:
         length = find_period(trial.motor_angle[part])
         if length is None:

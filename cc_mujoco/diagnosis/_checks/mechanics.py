@@ -62,7 +62,7 @@ class Mechanics(NamedTuple):
     motor_work: float  # work of the motor per its travel, less the stored energy [N m]
     joint_work: float  # the same of the joint; their difference is friction
     doubt: float  # standard deviation of that difference
-    scale: float  # transmitted power per speed of the motor [N m]
+    scale: float  # summed sizes of both powers per speed of the motor [N m]
 
 
 def measure_mechanics(trial: Trial) -> Mechanics:
@@ -87,7 +87,7 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
 def sliding_torque_ratio(
     motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Return motor over joint torque while the cable slides, and their correlation.
+    """Return motor over joint torque in sliding, and their correlation; 0 if unsure.
 
     Friction that grows with load makes the slope of motor over joint torque larger in
     one direction of motion and smaller in the other; the geometric mean of both is the
@@ -271,7 +271,7 @@ def _labels(trial: Trial) -> dict[str, str]:
 
 
 def wrong_unit(trial: Trial, channel: str) -> str:
-    """Name the likely unit error of a channel: degrees for radians, or mN m for N m."""
+    """Name the unit error that makes a channel too large, or its counterpart small."""
     angle = channel in (MOTOR_ANGLE, JOINT_ANGLE)
     pair = (MOTOR_ANGLE, JOINT_ANGLE) if angle else (MOTOR_TORQUE, JOINT_TORQUE)
     # Small unit that a channel may have, and the plain one
@@ -437,7 +437,7 @@ def measure_alignment(trial: Trial) -> Alignment:
 class _Window(NamedTuple):
     time: float  # its middle [s]
     speed: float  # of the motor, standard deviation [rad/s]
-    match: FloatArray  # correlation at lags from -REACH to REACH
+    match: FloatArray  # correlation at lags up to `max_searched_delay` either way
 
 
 def _windows(trial: Trial) -> list[_Window]:
@@ -554,8 +554,8 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Find channels that come late, and motor and joint angles that are swapped.
 
     The lead is the motor angle beyond the one that keeps the cables' length. Rates are
-    correlated at lags up to `MAX_DELAY` either way. A late torque counts only if all
-    trials share the delay, as friction delays torques, too.
+    correlated at lags up to `MAX_DELAY` either way. As friction delays torques, too,
+    swapped angles come before a torque that is not late in all trials.
     """
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:

@@ -59,7 +59,7 @@ def check_recording(
 
 
 def check_trials(trials: Sequence[Trial], alone: bool = False) -> Findings:
-    """Run all checks of one rig's trials; `alone` if it has a single cable."""
+    """Run the checks of trials that need no scene; `alone` if of a single cable."""
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     known = [mechanics.measure_mechanics(trial) for trial in hooked]
     findings = mechanics.check_ratios(hooked, known)
@@ -76,7 +76,7 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
-    """Return a finding if motor over joint angle in a trial is far from `ratio`."""
+    """Report motor over joint angle far from `ratio`, stricter as best of `several`."""
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []

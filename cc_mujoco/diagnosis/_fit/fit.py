@@ -45,9 +45,9 @@ from cc_mujoco.report._html import list_words
 
 
 class Start(NamedTuple):
-    bench: Bench  # with estimates in place of values that the data contradict
-    given: Values = MappingProxyType({})  # those values of the scene, by name
-    # That the estimates come with; empty where the scene is the start
+    bench: Bench  # with estimates or declarations in place of contradicted values
+    given: Values = MappingProxyType({})  # scene's values replaced by estimates
+    # All values of the fit that gave the estimates; empty without estimates
     values: Values = MappingProxyType({})
 
 
@@ -114,7 +114,7 @@ def _factor_between(one: float, other: float) -> float:
 
 
 def _thin_record(record: Record) -> Record:
-    """Return a record at about 25 Hz that counts after a tenth of its travel."""
+    """Thin a record to 25 Hz; unreserved samples count after a tenth of its travel."""
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
@@ -141,13 +141,13 @@ class _Line(NamedTuple):
     spread: float  # standard deviation of the tension [N]
 
     def offset(self, bench: Bench, pretension: float) -> float:
-        """Return the joint's angle at which the cables have their pretension [rad]."""
+        """Return what to add to joint angles for cables at rest without lead [rad]."""
         rest = pretension if len(bench.cables) == 1 else 0.0
         return (rest - self.start) / (self.slope * bench.joint_radius)
 
 
 def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Line:
-    """Fit the line by least squares; without stretch its slope is not positive."""
+    """Fit the line by least squares; without stretch its slope may be negative."""
     rows, tensions = [], []
     for place, record in enumerate(records):
         used = record.counts
@@ -165,7 +165,7 @@ def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Lin
 
 
 def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
-    """Return the mean tension of the cables, agonist less antagonist (samples,) [N]."""
+    """Return agonist less antagonist tension by the measured torques (samples,) [N]."""
     shown = dict(zip(dataset.instruments.rows, record.measured, strict=True))
     ends = [shown[0] / bench.motor_radius] if 0 in shown else []
     if 1 in shown and bench.lever is None:
@@ -199,7 +199,7 @@ class _Grid:
         self._masks = [record.counts for record in records]
 
     def best(self, declared: bool) -> dict[str, float]:
-        """Return the fitted values, by name; {} if the scene's are about as good.
+        """Return the fitted values by name; {} where those of the scene are kept.
 
         An undeclared pretension may be wrong, too, and distorts the fit of all else.
         """
@@ -223,11 +223,10 @@ class _Grid:
     def _fitted(
         self, names: Sequence[str], coarse: bool = False
     ) -> tuple[dict[str, float], float]:
-        """Return values and cost of the best fit with the parameters `names` free.
+        """Return values and cost of the best fit from a grid of the parameters `names`.
 
-        There are none if the scene's are about as good as the best grid point, or no
-        fit explains the data. If `coarse`, the grid has one stiffness, that of the
-        line.
+        They are {} and infinity if a taut scene is about as good as the best grid
+        point, or no fit explains the data. A `coarse` grid has the line's stiffness.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
         centre = {name: each[len(each) // 2] for name, each in tried.items()}
@@ -283,8 +282,8 @@ class _Grid:
 class Options:
     """Effects to consider in a diagnosis, and its random seed."""
 
-    # Effects to consider; by default all but the rare ones that are not `requested`,
-    # which are considered where the others leave the error unexplained
+    # Effects to consider; by default all, rare ones only if `requested`, if they
+    # resemble an accepted one, or where the others leave the error unexplained
     ids: Sequence[str] | None = None
     requested: Sequence[str] = ()  # effects that the user requested, rare ones included
     seed: int = 0  # seed of bootstraps and noise draws
@@ -322,7 +321,7 @@ def plant_of(
 def fit_baseline(
     dataset: Dataset, plant: SimulatedRig, filtering: Filtering, seed: int
 ) -> BaselineFit:
-    """Fit the baseline on the coarsest simulation that is accurate enough."""
+    """Fit the baseline by the coarsest accurate simulation, or the finest allowed."""
     records = plant.records
     known = dataset.constants, dataset.instruments, plant.given
     free = simulation.baseline_parameters(plant.bench, records, *known)
@@ -429,8 +428,8 @@ def check_effects(
     """Return a sentence for each effect of `ids` that the data cannot show.
 
     Raises:
-        EffectError: an effect is not off, finite or differentiable where its sizes
-            are 0.
+        EffectError: an effect makes a torque that is not finite, or is not off or not
+            differentiable where its sizes are 0.
     """
     notes = []
     effects = plant.library.effects
@@ -509,8 +508,8 @@ def unit_or_sign_error(
 ) -> str:
     """Return a sentence if torques contradict this scene by a unit or sign; "" if not.
 
-    A scene may be off by any factor. The factor of a unit counts only if `values`,
-    simulated by `start`, do not explain the readings better.
+    A scene may be off by any factor. The factor of a unit or a sign counts only if
+    `values`, simulated by `start`, do not explain the readings much better.
     """
     wrong: list[str] = []
     units: set[str] = set()
@@ -566,7 +565,7 @@ def _residual_square(measured: Arrays, simulated: Arrays) -> float:
 
 
 def _torque_factor(measured: Arrays, simulated: Arrays) -> float | None:
-    """Return measured over simulated torque, by RMS; None if they hardly correlate."""
+    """Return measured over simulated RMS torque, with sign; None if uncorrelated."""
     pair = measured, simulated
     one, other = (np.concatenate([t - t.mean() for t in torques]) for torques in pair)
     own, its, both = float(one @ one), float(other @ other), float(one @ other)

@@ -167,8 +167,8 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
     Noise makes B; trials that disagree by factors f_k make f_k B_kk of its diagonal,
-    with few degrees of freedom; `form_error` adds its part. The degrees of freedom are
-    over the square of the trials' share (Satterthwaite, Biometrics Bulletin 2, 1946).
+    with few degrees of freedom; `form_error` adds its part. Those are divided by the
+    squared share of B and trials (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -187,7 +187,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
-    """Return value and 95 % interval by parameter; NaN if over six powers of ten."""
+    """Return values and 95 % intervals by name; NaN if a logarithm's is too wide."""
     found = {}
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
@@ -214,7 +214,7 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
 
 
 def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:
-    """Return a sentence for each parameter combination that only priors determine."""
+    """Return sentences on friction and on combinations that only priors determine."""
     found = []
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
@@ -297,15 +297,15 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
 
 
 class Disagreement(NamedTuple):
-    # (parameters,) mean square of the moves over that of noise; 1 where that is all
+    # (parameters,) mean square of the moves over that of noise; 1 if not known
     factor: FloatArray
-    freedom: FloatArray  # (parameters,) degrees of freedom with which that is known
+    freedom: FloatArray  # (parameters,) its degrees of freedom; infinite if not known
 
 
 def disagreement(
     slopes: FloatArray, residual: FloatArray, parts: NDArray[np.int64]
 ) -> Disagreement:
-    """Return the moves of a least-squares fit as each part of the data is left out.
+    """Compare the moves of a fit, as each part of the data is left out, with noise.
 
     With H = J^T J and H_g, s_g = J_g^T r_g of part g, the fit moves by d_g = (H -
     H_g)^-1 s_g without it (Cook 1977), of which noise makes the variance (H - H_g)^-1 -

@@ -57,7 +57,7 @@ def noise_floor(
     values: Values,
     seed: int = 0,
 ) -> NoiseFloor:
-    """Return the noise in both torques of every record, through the simulated rig."""
+    """Return the noise floor of every record, by the rig simulated with `values`."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))

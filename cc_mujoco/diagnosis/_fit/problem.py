@@ -1,7 +1,7 @@
 """Fit of the simulated rig to records by least squares, and on held-out data.
 
 A place `x` (parameters,) is the vector that a fit optimises: each parameter less its
-start, over its scale, or the logarithm of that ratio over its scale (`Tuned`).
+start, or the logarithm of their ratio, over its scale (`Tuned`).
 
 Residuals are divided by the noise floor of their channel and weighted by the share of
 them that is independent, so that priors and intervals keep their meaning.
@@ -10,7 +10,7 @@ Derivatives of the torques are differences of coarse simulations, taken once. Th
 hardly change over a few percent of a parameter, and later simulations update them
 (Broyden, Math. Comp. 19, 1965). Fits, folds and stages share them; a model with one
 more effect, or with a finer simulation, starts from those of its predecessor.
-Parameters that change only the reading of a replay, such as an offset, need no
+Parameters that change only the reading of a replay, such as a torque offset, need no
 simulation and are differenced anew each time.
 
 In a cross-validation every sample is predicted by a fit to others.
@@ -48,7 +48,7 @@ _STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
 
 @dataclass
 class _Tangent:
-    taken: FloatArray  # place where they were differenced
+    taken: FloatArray  # place where the slopes were differenced
     place: FloatArray  # where they were last compared with a simulation
     torque: FloatArray  # (2, samples) there [N m]
     slopes: FloatArray  # (parameters, 2, samples) [N m]
@@ -151,7 +151,7 @@ class TorqueDerivatives:
 def jacobian(
     problem: Problem, x: FloatArray, masks: Masks, explained: bool = False
 ) -> FloatArray:
-    """Compute the derivative of `Problem.residual` (residuals, parameters)."""
+    """Return d`Problem.residual`/dx (residuals, x); quadratic loss if `explained`."""
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
     priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
@@ -213,7 +213,7 @@ Masks = Sequence[NDArray[np.bool_]]
 def tuned_effect_parameter(
     parameter: EffectParameter, start: float, plant: SimulatedRig
 ) -> Tuned:
-    """Return an effect's parameter as one of a fit, with a prior of plausible sizes."""
+    """Return an effect's parameter as one of a fit; sizes have a prior about 0."""
     described, size = parameter.parameter, parameter.typical
     low, high = described.low, described.high
     if parameter.shape:
@@ -246,7 +246,7 @@ class Problem:
     # Of a residual over its floor; below 1 where neighbours are not independent or
     # where the model is known not to reach the floor
     weight: float = 1.0
-    # Factor of the floor where the baseline is far off, see `with_inflated_noise`
+    # Factor of the floor where the model is far off, see `with_inflated_noise`
     inflation: float = 1.0
     # The part of `noise` beyond that of sensors; a wrong model makes some of it
     scatter: FloatArray | float = 0.0
@@ -254,7 +254,7 @@ class Problem:
     forms: Mapping[str, float] = field(default_factory=dict)
     # (2, samples) of every record added to the torques, if any, see `corrected` [N m]
     defect: tuple[FloatArray, ...] = ()
-    # Derivatives of the plant's torques, shared with other noise
+    # Derivatives of the plant's torques, shared by problems of other noise
     slopes: TorqueDerivatives = field(
         default_factory=TorqueDerivatives, compare=False, repr=False
     )
@@ -363,7 +363,7 @@ class Problem:
         return replace(slim, slopes=TorqueDerivatives())
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
-        """Return Huber's errors over the floor (2, samples); NaN if masks omit it."""
+        """Return Huber's errors (2, samples); NaN in records that `masks` leave out."""
         found = [np.full(floor.shape, np.nan) for floor in self.floor]
         seen = [k for k in range(len(found)) if masks is None or masks[k].any()]
         for k, error in zip(seen, self.plainly(x, seen), strict=True):
@@ -546,8 +546,8 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return folds of whole trials: test on the reserved ones, or on a third in turn.
 
-    Repeats stay together; trials of a kind are spread over the folds, the only one of
-    its kind is always trained on. With too few trials return `interleaved_folds`.
+    Repeats stay together; trials of a kind are spread over the folds; unless all are,
+    the only one of its kind is never tested. Few trials give `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         free = tuple(record.free for record in records)
@@ -653,7 +653,7 @@ def cross_validate(problem: Problem, folds: Folds, starts: Arrays) -> CrossValid
 
 
 def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:
-    """Return sums of squared errors, or of `parts`, over blocks of 1 s (blocks,)."""
+    """Return sums of squares of errors or `parts` over blocks of 1 s (blocks,)."""
     masks = [np.isfinite(error[0]) for error in crossed.errors]
     kept = zip(crossed.errors if parts is None else parts, masks, strict=True)
     squares = [np.where(mask, part, 0.0) ** 2 for part, mask in kept]
@@ -702,7 +702,7 @@ def refinement_change(
 ) -> tuple[float, SimulatedRig | None]:
     """Return the RMS torque change over the floor by a finer rig, and that rig.
 
-    Segments or steps are halved, whichever changes more; the rig is None at the limit.
+    Segments or steps are doubled, whichever changes more; None is beyond the limit.
     """
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]
@@ -727,7 +727,7 @@ def predicted(
 ) -> tuple[FloatArray, ...]:
     """Return torques (2, samples) of every record by fits to the other folds.
 
-    Samples that no fold holds out are predicted by the last fit.
+    Samples in all fits are predicted by the first, those in none by the last.
     """
     found = [np.zeros(record.measured.shape) for record in problem.plant.records]
     for fold in division:
@@ -790,7 +790,7 @@ def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
 
 
 def _closed_share(old: float, new: float, floor: float) -> float:
-    """Return the removed share of RMS error above `floor`, given mean squares."""
+    """Return the removed share of RMS error above `floor`, by squares; NaN if none."""
     if old <= 1.02 * floor:
         return math.nan
     before, after, least = (math.sqrt(square) for square in (old, new, floor))
@@ -831,7 +831,7 @@ class Holdout:
         self._before: dict[int, tuple[FloatArray, ...]] = {}
 
     def out(self, problem: Problem, x: FloatArray) -> Held | None:
-        """Predict held-out data; None if they are predicted worse with the effects."""
+        """Predict held-out trials, or stretches; None if effects make both worse."""
         baseline = self._baseline
         for place, division in enumerate(self._divisions):
             if place not in self._before:

@@ -149,7 +149,7 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
 def find_outlier_trial(
     problem: Problem, x: FloatArray, tuned: Mapping[str, float] | None = None
 ) -> Outlier | None:
-    """Return the trial that contradicts the others; None if none does.
+    """Return the trial, or trials of one tilt, that contradicts the others, or None.
 
     Another pretension, friction or tilt has to bring it to their level. `tuned` are the
     errors by trial of the tuned scene, see `misfits`; None if that is the model.
@@ -230,7 +230,7 @@ def _leave_out(
 def _best_own_constant(
     problem: Problem, x: FloatArray, places: list[int], names: Sequence[str]
 ) -> tuple[float, str]:
-    """Return the error over noise with the best constant of a trial, and its words."""
+    """Return the least misfit by an own constant of `names`, and that in words."""
     from scipy.optimize import minimize_scalar
 
     values = problem.values(x)
@@ -330,7 +330,7 @@ class Trend(NamedTuple):
 
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
-    """Return the parameters that explain most error if fitted by trial, best first."""
+    """Return up to two parameters that explain most if fitted by trial, best first."""
     by_trial = _ByTrial(problem, x, unhooked=False)
     if len(by_trial.trials) < Limit.min_trend_trials:
         return ()
@@ -345,7 +345,7 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
 def constants_by_occasion(
     problem: Problem, x: FloatArray, indices: Sequence[int]
 ) -> tuple[TrialConstants, ...]:
-    """Return the parameters of these indices fitted by occasion, if all affect them."""
+    """Fit by occasion each parameter of these indices that affects every occasion."""
     by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
     able = filter(by_occasion.affects_every_trial, indices)
     return tuple(_OneByTrial(by_occasion, index).fitted() for index in able)
@@ -435,7 +435,7 @@ class _ByTrial:
         return bool(np.all(square > 1e-4))
 
     def share(self, error: FloatArray) -> float:
-        """Return the removed share of the squared error beyond the floor, or 0."""
+        """Return the removed share of squared error beyond noise; 0 if too little."""
         if self._beyond <= 0.02 * self.noise:
             return 0.0
         return 1.0 - (float(error @ error) - self.noise) / self._beyond
@@ -585,7 +585,7 @@ class TrialDifferences(NamedTuple):
         return cls(constants, ordinates)
 
     def at_random(self, misfit: float) -> str:
-        """Return a sentence if a constant differs by trial without a trend, or ""."""
+        """Return a sentence if a constant without trend explains nearly all, or ""."""
         for _, where in self.described(""):
             if where.axis == "trial" and where.share_of_error > Limit.random_share:
                 return (
@@ -597,7 +597,7 @@ class TrialDifferences(NamedTuple):
         return ""
 
     def described(self, worst: str) -> list[tuple[str, Where]]:
-        """Return a short and a full description of the constant that differs most."""
+        """Describe the constant that explains most, briefly and fully; [] if little."""
         able = [each for each in self.constants if each.share >= Limit.min_trend_share]
         if not able:
             return []
@@ -691,7 +691,7 @@ def compare_occasions(
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
-    """Return the change of a parameter from an `earlier` occasion, and it in words."""
+    """Return the change that undoes an `earlier` ratio or difference, and in words."""
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:

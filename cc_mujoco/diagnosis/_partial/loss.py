@@ -93,7 +93,7 @@ class SceneLaw(NamedTuple):
     """Friction that the scene states, of one cable or of a pull-pull pair."""
 
     exponent: float  # mu theta of a cable
-    pretension: float  # of one cable, as torque at the joint [N m]; 0 of one cable
+    pretension: float  # of a cable, as torque at the joint; 0 without a pair [N m]
 
     def torque(self, ideal: FloatArray, sign: float) -> FloatArray:
         less, more = math.exp(-sign * self.exponent), math.exp(sign * self.exponent)
@@ -173,8 +173,8 @@ class _Law(NamedTuple):
     def solve(self, weights: FloatArray) -> FloatArray:
         """Return the coefficients (draws, 6) for block weights (draws, blocks).
 
-        Drag and inertia are 0 if not fitted. Other coefficients not fitted or not
-        determined by a draw, say without a load that drives the motor, are NaN.
+        Drag and inertia are 0 if not fitted, others NaN. All fitted ones are NaN in a
+        draw that does not determine them, say without a load that drives the motor.
         """
         squares = np.tensordot(weights, self.squares, 1)
         products = (weights @ self.products)[..., None]

@@ -1,7 +1,7 @@
 """Dead zone, lag and ratio of a joint behind its motor, where no torque is known.
 
 Robots that only command and measure positions show how the joint follows. With the
-motor angle in turns of the joint u, the joint angle is
+motor angle u, scaled by the ratio of the radii, the joint angle is
 
     q(t) = (1 + c) mean_k P[u; h (1 + k g)](t - d) + constant of the trial
 
@@ -56,7 +56,7 @@ _PARAMETERS = (
 
 class _Stretch(NamedTuple):
     trial: int  # number of its trial
-    motor: FloatArray  # angle in turns of the joint (samples,) [rad]
+    motor: FloatArray  # angle scaled to the joint's (samples,) [rad]
     joint: FloatArray  # angle (samples,) [rad]
     step: float  # time between samples [s]
     counts: NDArray[np.bool_]  # samples that are compared

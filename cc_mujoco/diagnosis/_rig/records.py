@@ -66,8 +66,8 @@ def compared_band(rate: float) -> float:
 def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Apply a zero-phase Butterworth low-pass to signals (..., samples).
 
-    It equals `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding. That
-    module takes a second to import, and a call of it takes longer than this filter.
+    It equals `filtfilt` with `butter(2, band)` of `scipy.signal`, slow to import, to
+    rounding. From a band of 0.45 times the rate on signals stay as they are.
     """
     if band >= 0.45 * rate:
         return signals
@@ -83,7 +83,7 @@ def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _coefficients(band: float) -> tuple[float, float, float]:
-    """Return the coefficients b0, a1 / a0, a2 / a0 of the filter, by bilinear map.
+    """Return b0, a1 / a0, a2 / a0 of the filter, by bilinear map; `band` is relative.
 
     The numerator is b0 (1 + 2 / z + 1 / z^2).
     """
@@ -96,7 +96,7 @@ def _coefficients(band: float) -> tuple[float, float, float]:
 
 @compiled
 def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> None:
-    """Filter rows (rows, samples) in place forwards, then back, each from rest."""
+    """Filter rows (rows, samples) in place both ways, each from a steady state."""
     count = rows.shape[1]
     for row in range(rows.shape[0]):
         for way in range(2):
@@ -381,12 +381,12 @@ class Setting(NamedTuple):
     joint_radius: float  # of the joint's pulley [m]
     backlash: float  # between joint and its pulley [rad]
     late: float  # delay of the recorded joint angle [s]
-    offset: float  # of the joint's angle [rad]
+    offset: float  # added to the recorded joint angle [rad]
     substeps: int  # simulation steps per sample
     # Arm at the joint by its angle; None where a pulley keeps its radius
     profile: Lever | MomentArm | None = None
     courses: tuple[CoupledPath, ...] = ()  # of led cables, see `Bench.courses`
-    share: float = 1.0  # of the courses' distal displacements
+    share: float = 1.0  # factor of the courses' distal displacements
     # Coefficients of `MomentArm` at the motor, where the angle is that by which a cable
     # is wound on: that of the motor, and its negative for the antagonist
     motor_arm: tuple[float, ...] = ()
@@ -403,7 +403,7 @@ class Setting(NamedTuple):
 class Played(NamedTuple):
     """Signals of a replay, (samples,) each."""
 
-    joint_angle: FloatArray  # as it is compared [rad]
+    joint_angle: FloatArray  # as recorded, its delay undone [rad]
     motor: FloatArray  # torque into the motor's pulley [N m]
     joint: FloatArray  # torque into the joint [N m]
     tension_proximal: FloatArray  # of every cable at the motor (cables, samples) [N]

@@ -238,7 +238,7 @@ TORQUE_OFFSETS = ("motor_torque_offset", "joint_torque_offset")
 """Parameters for the readings of the torque sensors at zero torque [N m]."""
 TORQUE_DELAYS = ("motor_torque_late", "joint_torque_late")
 CLOCK_PARAMETERS = ("clock_offset", *TORQUE_DELAYS)
-"""Parameters for the lead of the joint angle over the motor's and torque delays [s].
+"""Parameters for the delays of the joint's readings and of either torque [s].
 
 Their prior deviation is half a sample and their bound one sample. A larger delay is an
 effect.
@@ -256,13 +256,13 @@ BASELINE: dict[str, Parameter] = {
             Parameter(name, "N m", f"reading of the {side} torque sensor at no torque")
             for name, side in zip(TORQUE_OFFSETS, ("motor", "joint"), strict=True)
         ),
-        Parameter("joint_angle_offset", "rad", "joint angle where the motor is at 0"),
-        Parameter("clock_offset", "s", "lead of the joint's angle over the motor's"),
+        Parameter("joint_angle_offset", "rad", "angle to add to the joint's readings"),
+        Parameter("clock_offset", "s", "delay of the joint after the motor"),
         *(
             Parameter(name, "s", f"delay of the {side} torque sensor")
             for name, side in zip(TORQUE_DELAYS, ("motor", "joint"), strict=True)
         ),
-        Parameter("friction_balance", "1", "difference of two cables' friction"),
+        Parameter("friction_balance", "1", "relative excess of the agonist's friction"),
         Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
         Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
         Parameter("motor_friction", "N m", "dry friction of the motor"),
@@ -389,7 +389,7 @@ def _motor_parameters(
 
 
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
-    """Return the joint angle [rad] at which both cables rest with the motor at 0."""
+    """Return the median angle that the joint lacks to follow the motor [rad]."""
     ratio = bench.motor_radius / bench.joint_radius
     pairs = [(r.motor_angle, bench.turned(r.joint_angle, r.path)) for r in records]
     gaps = [np.median(ratio * motor - turned) for motor, turned in pairs]
@@ -434,7 +434,7 @@ class SimulatedRig:
     def simulate(
         self, values: Values, effects: Sequence[str] = (), only: Indices | None = None
     ) -> list[FloatArray]:
-        """Return the torques (rows, samples) of every record, or `only` of some."""
+        """Return the torques (rows, samples) of every record, or of indices `only`."""
         chosen = self.records if only is None else [self.records[k] for k in only]
         here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
         settings: dict[tuple[object, ...], Setting] = {}  # many trials share one

@@ -40,9 +40,9 @@ class Signature(NamedTuple):
     explained: float  # share of the squared error that it would explain, to first order
     # The same of the held-out error: fitted to each fold's part, tested on its other
     foreseen: float
-    visible: float  # RMS of its plausible size over the floor, after retuning
+    visible: float  # RMS change by a typical size over the floor, after retuning
     basis: FloatArray  # (residuals, k) orthonormal, of its signatures
-    changes: FloatArray  # (residuals, amplitudes) by plausible sizes, nothing retuned
+    changes: FloatArray  # (residuals, amplitudes) by typical sizes, nothing retuned
 
 
 class Changes:
@@ -50,7 +50,7 @@ class Changes:
 
     def __init__(self) -> None:
         # By record the torques (2, samples) of models [N m], and by effect, start and
-        # parameter the changes (1, 2, samples) where a model has it [N m]
+        # parameter the changes (1, 2, samples) by a typical size there [N m]
         self._kept: dict[Record, list[tuple[FloatArray, dict[_Key, FloatArray]]]] = {}
 
     def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
@@ -94,7 +94,7 @@ class _Place:
         ]
 
     def start(self, name: str, number: int) -> dict[str, float]:
-        """Return start `number` of an effect, but with a shape that the cables have.
+        """Return start `number` of an effect, with shapes as other effects set them.
 
         Two effects may share a length of slip, which a small effect must not change.
         """
@@ -114,7 +114,7 @@ class _Place:
         return start
 
     def columns(self, name: str, number: int) -> FloatArray | None:
-        """Return residual changes (residuals, amplitudes); None if not simulable."""
+        """Return residual changes (residuals, amplitudes) by typical sizes, or None."""
         effect = self.problem.plant.library.effects[name]
         start = self.start(name, number)
         wider = self.problem.coarse.with_effect(name, start)
@@ -239,7 +239,7 @@ class _Screen(_Place):
 def explained_share(
     problem: Problem, x: FloatArray, masks: Masks, changes: Sequence[FloatArray]
 ) -> float:
-    """Return the share of the squared error that some multiple of changes takes.
+    """Return the share of the squared error that the best multiple of changes takes.
 
     `changes` (1, 2, samples) [N m] are of the torques of every record with a mask.
     """

@@ -475,8 +475,8 @@ def _drop_doubtful(
 ) -> tuple[Problem, FloatArray, Spread, fitting.Held]:
     """Return the final model, its parameters, spread and held-out predictions.
 
-    Effects whose interval contains 0 go, the one whose removal costs least first; of
-    intervals that are wide by disagreement only, where not every trial needs it. All go
+    Effects whose interval contains 0 go, the one whose removal costs least first. Where
+    disagreement or form errors make it wide, those that every trial needs stay. All go
     if held-out data do not support them.
     """
     problem = found.after.problem
@@ -570,7 +570,7 @@ class Agreement(NamedTuple):
 
     # Share of the parts that name an effect or one it is tied with, by id, if any
     shares: Mapping[str, float]
-    # Effects that many parts name in its place or as well as it, by id
+    # By id, effects named beside or for it by many parts, or by any if confusable
     rivals: Mapping[str, tuple[str, ...]]
     # True if the user stopped it before all parts were searched
     interrupted: bool = False
@@ -581,8 +581,8 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    An effect that explains little is a finding if it explains half of the squared error
-    left without it, beyond noise, and no larger effect is confused with it.
+    An effect that explains little is a finding if its own error is large and half of
+    the squared error left without it, and no larger effect is confused with it.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
@@ -594,7 +594,7 @@ def only_refines(
 def check_agreement(
     baseline_fit: BaselineFit, found: Search, progress: Progress = no_progress
 ) -> Agreement:
-    """Repeat the search on parts of the data with the effects that the whole tried."""
+    """Repeat the search on parts of the data, with effects accepted on the whole."""
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})
@@ -651,7 +651,7 @@ def count_votes(
 
 
 def split_trials(records: Sequence[Record]) -> list[Masks]:
-    """Return four halves of the free trials: first, last, odd and even ones.
+    """Return four halves of the free trials by name: first, last, odd, even ones.
 
     Names usually follow load and speed; repetitions stay together. Only tilt tells a
     weight from a spring, so a half without trials of a tilt gets them all.

@@ -1,8 +1,8 @@
 """Effects that a diagnosis can name: one entry each.
 
 An entry says what the effect is, where it acts, what its parameters are, and how it
-changes a simulation: through the cables (`cables`), or through the readings of motor
-and joint (`torques`; `JOINT_DELAY` changes the played motion, too). Parameters at 0 are
+changes a simulation: through cables, moment arms or the readings of motor and joint
+(`torques`); `backlash` and `JOINT_DELAY` change the played motion, too. Sizes at 0 are
 off, bit for bit. To add an effect, write its entry, and its form in MuJoCo in
 `_scene/realisation.py` where it is not in the cable.
 """

@@ -192,7 +192,7 @@ FRICTION_EFFECTS = (
         source="thesis 3.2.3",
     ),
 )  # fmt: skip
-"""Effects of the friction and the path of a cable, the plainest first."""
+"""Effects of the friction of a cable, the plainest first."""
 
 _FITTING_COMPLIANCES = (
     *("end_compliance", "end_compliance_antagonist"),
@@ -308,7 +308,7 @@ CABLE_EFFECTS = (
         cables=_set_end_compliances,
     ),
 )  # fmt: skip
-"""Effects of the tension, elasticity and ends of a cable."""
+"""Effects of the path, tension, elasticity and ends of a cable."""
 
 
 class ClampCreep:

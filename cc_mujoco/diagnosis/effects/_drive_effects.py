@@ -423,13 +423,13 @@ class LeverGeometry:
 
 
 GAIN_BOUNDS = (-0.3, 0.3)
-"""Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
+"""Plausible relative errors of a torque sensor's gain."""
 JOINT_DELAY = "joint_delay"
-"""Effect that delays the joint's angle and torque together [s]."""
+"""Parameter that delays the joint's angle and torque together [s]."""
 
 
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
-    """Return a signal `by` seconds later, interpolated; its first value is held."""
+    """Return a signal `by` seconds later, interpolated; its ends are held."""
     at = np.arange(signal.size) * dt
     return np.asarray(np.interp(at - by, at, signal))
 

@@ -213,7 +213,7 @@ class Effect:
     scene_note: str = ""
     # The cables with the effect; by default with its parameters on every cable
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
-    # The signals with the effect, in the order motor, joint, sensors
+    # The signals with the effect, those of sensors last
     torques: Callable[[Signals, Values], Signals] | None = None
     sensor: bool = False  # True of a sensor, applied after the mechanical ones
     # Ids of its special cases; where one of them does as well, this one is no rival
@@ -230,7 +230,7 @@ class Effect:
     # where a table of `realisation` has it, or where a scene cannot
     edit_spec: Callable[[MjSpec, Bench, Values], None] | None = None
     columns: tuple[str, ...] = ()  # columns of the file that it takes
-    by_trial: bool = False  # True if the cables depend on the trial's conditions
+    by_trial: bool = False  # True if cables may depend on the trial's conditions
     # True if searched on request, and where the others leave the error unexplained
     rare: bool = False
     # Ids of usual effects that a rare one equals on motions alone: they compete
@@ -304,7 +304,7 @@ def clamp_to_bounds(name: str, value: float) -> float:
 
 
 def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
-    """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
+    """Return dry friction over its largest value, signed as the motion (samples,).
 
     It is elastic up to the angle `wind_up` [rad], then slides; it starts relaxed.
     """
@@ -423,7 +423,7 @@ def effect_of_class(given: Any, rare: bool = False) -> Effect:
     """Return the effect that a class, or an object of one, describes.
 
     Args:
-        given: the class; made without arguments.
+        given: the class, made without arguments, or an object.
         rare: True if it is searched on request, and where the other effects leave the
             error unexplained.
 

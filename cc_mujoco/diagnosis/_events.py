@@ -467,7 +467,7 @@ class _Change(NamedTuple):
         return not best or own > best[0].explained
 
     def rest_fit(self) -> FloatArray | None:
-        """Return a fit of all else; None if it also fits the part, or little is left."""
+        """Return a fit of all else; None if it fits the part, or little is left."""
         problem, parts = self.problem, self.masks
         records = problem.plant.records
         rest = [r.free & ~part for r, part in zip(records, parts, strict=True)]

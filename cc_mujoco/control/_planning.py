@@ -264,7 +264,7 @@ def _plan(
     limited, else NaN. `caution` [N m], which decays, is taken off the desired torque.
     Return the mean squared torque error [(N m)^2], half of it on the planned path, half
     on the wanted one, to which the motor jumps. It is infinite if the plan might exceed
-    the allowed iterations. `joint` is its angle.
+    the allowed iterations. `joint` is the joint's angle.
     """
     cables, tune, ahead, new = planner.cables, planner.tune, planner.ahead, planner.new
     gains = planner.tables.gains[int(ahead[at.BELIEVED_DELAY])]

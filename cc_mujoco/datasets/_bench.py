@@ -154,7 +154,7 @@ class Bench:
         return max(c.segments for c in self.cables) if self.led in OPEN_PATHS else 1
 
     def turned(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
-        """Return the angle of a pulley of `joint_radius` that takes up as much cable.
+        """Return the angle by which a pulley of `joint_radius` winds as much cable.
 
         Angles are (samples,) [rad]; `path` is used where other joints move the cable
         too.
@@ -445,7 +445,7 @@ def _cable_connections(
     cable: Cable,
     driven: str,
 ) -> _Ends:
-    """Return both joints that a cable connects; `driven` decides if several move it."""
+    """Return joint and gear at each end; if several joints move it, take `driven`."""
     ends: list[tuple[str, float]] = []
     lever = None
     for actuator in spec.actuators:

@@ -168,7 +168,7 @@ class SampledTrack:
     def thinned(
         self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
     ) -> SampledTrack:
-        """Return the track after `thin` of each signal; `counts` are its segments'."""
+        """Apply `thin` to time and signals; `counts` are lengths of the new segments."""
         values = {channel: thin(value) for channel, value in self.values.items()}
         segments = tuple(part for part in _slices(counts) if part.stop > part.start)
         return replace(self, time=thin(self.time), values=values, segments=segments)
@@ -294,7 +294,7 @@ def _interpolate(
 def _counted_samples(
     recording: Recording, values: dict[str, FloatArray], facts: TrialFacts
 ) -> NDArray[np.bool_]:
-    """Return the mask (rows,) of valid full rows; delete side channels with gaps."""
+    """Return the mask (rows,) of usable rows; delete uncompared channels with gaps."""
     time = recording.values[TIME]
     good = np.ones(len(time), dtype=bool)
     mask = values.get(VALID)

@@ -31,7 +31,7 @@ class Lever:
     sign: float  # sign of the scene's angle where the cable pulls
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return the angle of that pulley [rad] at joint angles (samples,) [rad]."""
+        """Return the angle of `pulley` [rad] at joint angles (samples,) [rad]."""
         return np.asarray(np.interp(joint, self.joint, self.pulley))
 
     def share(self, joint: FloatArray) -> FloatArray:

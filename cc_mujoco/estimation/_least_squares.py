@@ -288,7 +288,7 @@ def _long_run_covariance(score: FloatArray, lags: int) -> FloatArray:
 
 
 def _correlation_lags(residual: FloatArray) -> int:
-    """Return the lags over which a residual correlates: twice its zero crossing."""
+    """Return twice the lag at which a residual's autocorrelation falls to 0.1."""
     correlation = autocorrelation(residual - np.mean(residual))
     crossing = int(np.argmax(correlation <= 0.1 * max(correlation[0], 1e-300)))
     return min(2 * crossing, residual.size // 4)

@@ -116,8 +116,8 @@ class RunOutcome:
     missed: int = 0  # cycles that were skipped because the host was late
     limited: int = 0  # cycles in which a motor was at the limit of its torque
     rate_limited: int = 0
-    """Number of `cycles` in which a torque changed at the limit of its rate and the
-    controller, after the soft start, requested more."""
+    """Number of `cycles` in which the limit of its rate kept a torque from the one that
+    was requested, as the soft start fades it in."""
     without_reading: int = 0  # cycles in which one axis or more had no new reading
     ignored: Counter[str] = field(default_factory=Counter)  # unused packets, by reason
     late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings

@@ -179,7 +179,7 @@ class Watch:
         self._twists = not (unmeasured or drive.one_way)
 
     def deadline(self, missed: int) -> str | None:
-        """Check for late cycles, after a number of `missed` ones."""
+        """Check the cycles missed in a row, `missed` more of them."""
         self._late = self._late + missed if missed else 0
         if self._late < self._watchdog.missed_deadlines:
             return None

@@ -27,11 +27,11 @@ time, sine and cosine of the phase, and the desired torque [N m] where it is kno
 advance, else 0; see `Author.tasks`."""
 
 
-PART_STEPS = 16_384  # control steps of a script that are computed at once
+PART_STEPS = 16_384  # samples of a script that are computed at once
 
 
 class ScriptPart(NamedTuple):
-    """`PART_STEPS` consecutive control steps of a script, or the rest of it."""
+    """`PART_STEPS` consecutive samples of a script, or the rest of it."""
 
     commands: Array
     """Controls of the wearer before every physics step, (physics steps, k).
@@ -40,11 +40,11 @@ class ScriptPart(NamedTuple):
     staircase, which a stiff wearer follows as one.
     """
     marks: Array
-    """`MARKS` of every axis in turn at every control step, (control steps, k axes)."""
+    """`MARKS` of every axis in turn at every sample, (samples, MARKS * axes)."""
 
 
 class Script:
-    """Controls of the wearer, and reference motion, for an episode of n control steps.
+    """Controls of the wearer, and reference motion, for an episode of n samples.
 
     It is computed in parts on demand; only the latest part stays in memory.
     """
@@ -102,7 +102,7 @@ class Author:
         """Prepare; warn if a recorded motion or torque ends before the episode.
 
         There is a trajectory and a task per axis; equal trajectories are sampled once.
-        A control step has `frame_skip` physics steps.
+        `steps` are samples of `frame_skip` physics steps.
         """
         duration = steps * frame_skip * float(device.model.opt.timestep)
         for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):

@@ -76,7 +76,7 @@ class Rollout:
     ratio: Array  # joint angle per motor angle of an unstretched cable, (n, axes)
     driven: tuple[tuple[str, ...], ...]  # names of the cables that each motor winds
     prefixes: tuple[str, ...]  # beginnings of the columns of each axis
-    # with the safe torques that guards kept: an assumed one leaves room for the task
+    # with the safe torques of the guards, raised for the task where assumed
     axes: tuple[Axis, ...]
     failed: tuple[str, ...]  # why the simulation of a design failed, else empty, (n,)
 

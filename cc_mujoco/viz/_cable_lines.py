@@ -34,7 +34,7 @@ SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 @dataclass(frozen=True)
 class _Straight:
     ends: tuple[int, int]  # actuators, proximal and distal
-    first: tuple[bool, bool]  # where a tendon that holds an end is met at its start
+    first: tuple[bool, bool]  # True where an end is a tendon's first point
 
     def path(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         each = zip(self.ends, self.first, strict=True)

@@ -529,7 +529,7 @@ def kind_of(words: str) -> str:
 
 
 def next_trial_names(records: Sequence[Record], count: int = 1) -> tuple[str, ...]:
-    """Return the first names that no trial has on any occasion."""
+    """Return the first `trial_NN` that no trial is on any occasion."""
     taken = {record.trial.rsplit("/", 1)[-1] for record in records}
     names = (f"trial_{k:02d}" for k in itertools.count(1))
     return tuple(itertools.islice((n for n in names if n not in taken), count))
@@ -559,7 +559,7 @@ def _row_medians(each: Arrays) -> FloatArray:
 def motion_record(
     motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
-    """Return a motion as a record of `rows` torques, all 0, at a `tension` [N]."""
+    """Return a motion as a record of `rows` torques, 0; `tension` [N] is nominal."""
     size, cell = motion.motor.size, motion.load_cell
     angles = np.array([motion.motor, motion.joint])
     pretension = tension * motion.pretension

@@ -51,7 +51,7 @@ SATURATED_CLARITY = 10.0 * Limit.min_clarity
 """Clarity above which more is of no further use: noise is not the only error."""
 
 Owners = Sequence[tuple[str, float]]
-"""Effect and plausible size, which makes the change, of every amplitude."""
+"""Effect and plausible size of every amplitude; a column is its change."""
 
 
 class Resolved(NamedTuple):
@@ -61,7 +61,7 @@ class Resolved(NamedTuple):
     plausible: float  # size of its first amplitude that is plausible on the rig
     clarity: float  # of plausible sizes, in standard deviations once all is tuned
     likest: str  # effect that is most similar, "nothing" without others
-    separation: float  # clarity of a plausible size where that one is fitted as well
+    separation: float  # clarity of a plausible size once `likest` is fitted too
 
     @property
     def least(self) -> float:
@@ -361,7 +361,7 @@ def _require_possible(bench: Bench, reach: float) -> None:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the default reach of the motor [rad], by stops at most 1 s of `speed`."""
+    """Return the default reach of the motor [rad], with stops within 1 s at `speed`."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else experiment.half_range(bench)
         return min(Limit.default_reach, half)

@@ -96,7 +96,7 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
 
 
 def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
-    """Return the pairs of ids with similar signatures, and their falling cosines."""
+    """Return (id, id, cosine) of similar signatures, the most similar first."""
     ids, cosines = isolability.ids, isolability.cosines
     places = [(r, c) for r, c in np.ndindex(cosines.shape) if c < r]
     able = [(r, c) for r, c in places if cosines[r, c] > Limit.confused_cosine]

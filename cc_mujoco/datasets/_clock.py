@@ -168,7 +168,7 @@ class SampledTrack:
     def thinned(
         self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
     ) -> SampledTrack:
-        """Apply `thin` to time and signals; `counts` are lengths of the new segments."""
+        """Apply `thin` to time and signals; `counts` are the new segments' sizes."""
         values = {channel: thin(value) for channel, value in self.values.items()}
         segments = tuple(part for part in _slices(counts) if part.stop > part.start)
         return replace(self, time=thin(self.time), values=values, segments=segments)

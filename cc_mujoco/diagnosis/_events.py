@@ -577,7 +577,7 @@ def _declaration(
 
 
 def _occasion(dataset: Dataset, names: Sequence[str]) -> str:
-    """Return an occasion for trials; "" if they are too few or occasions declared."""
+    """Return an occasion for trials; "" if either side has one or any is declared."""
     if any(trial.facts.occasion for trial in dataset.trials):
         return ""
     fewest = min(len(dataset.trials) - len(names), len(names))

@@ -173,7 +173,7 @@ def _squares(
 def _largest_ratio(
     error: FloatArray, noise: FloatArray, counts: NDArray[np.bool_], window: int
 ) -> tuple[float, int]:
-    """Return the largest RMS error over RMS noise of all windows, and its middle."""
+    """Return the largest ratio of RMS in a window, and its middle, from squares."""
     box = np.ones(min(window, counts.size))
     signals = error, noise, counts.astype(np.float64)
     errors, noises, number = (np.convolve(each, box, "valid") for each in signals)

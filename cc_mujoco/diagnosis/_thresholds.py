@@ -84,7 +84,7 @@ class Limit:
     clear_work_share = 0.2  # energy gained, as a share of the net works
     signs_min_trials = 3  # trials in which torques cannot oppose each other by chance
     max_friction_share = 0.6  # of power lost from which on both sides may be driving
-    unit_mismatch_ratio = 12.0  # ratios of angles to torques that are wrong, and right
+    unit_mismatch_ratio = 12.0  # torque ratio over angle ratio: wrong, and mended
     unit_match_ratio = 4.0
     torque_leap_ratio = 300.0  # over torques of other trials, that no load explains
     max_searched_delay = 0.6  # Delays are searched up to this [s]
@@ -208,7 +208,7 @@ class Limit:
     max_event_rest = 0.5  # Share of its squared error that an event may leave
     # Share of the squared error beyond which no effect is compared
     sure_event_share = 0.9
-    rival_event_share = 0.95  # of its square that another constant takes as well
+    rival_event_share = 0.95  # Squared error left, over that by another constant
     max_tried_events = 4  # Most parts that are fitted without
     max_events = 5  # Most that are found
 
@@ -237,7 +237,7 @@ class Limit:
     # Deviation of the joint's zero where the arm of the cable depends on it [rad]
     zero_angle_deviation = 0.03
     unit_tolerance = 0.25  # Difference of logarithms at which a wrong unit matches
-    hidden_clarity = 5.0  # Untuned change of a hidden effect, over `min_visible_change`
+    hidden_clarity = 5.0  # Untuned RMS change of a hidden effect over the least seen
     max_size_ratio = 30.0  # Largest size that is reported, over its plausible size
     # Share of the RMS error beyond the floor that named effects have to take, or else
     # the gap, in which large errors do not count less: an effect that shows in few

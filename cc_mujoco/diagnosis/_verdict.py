@@ -101,8 +101,8 @@ class FoundEffect:
     """True if that share is so small that the effect may only mend the form of another:
     it is in the model, but not called missing."""
     agreement: float = 1.0
-    """Share of the parts of the data that name it as well, where the model misfits and
-    the parts were diagnosed by themselves."""
+    """Share of the parts of the data that name it, or of its sizes by occasion that
+    agree; 1 where none were compared."""
     disputed: bool = False
     """True if too few parts name it to call it missing."""
     ordinary: bool = False
@@ -133,7 +133,7 @@ class Confounded:
     """Effect that tuning a parameter of the scene would hide."""
 
     id: str  # of the effect
-    parameter: str  # of the baseline that does the same
+    parameter: str  # tuned one that does the same
     shift: str  # change of that parameter by a plausible size of the effect, in words
     # Size that makes up for the tuning, in words; "" where it is about as given
     explains: str

@@ -464,7 +464,7 @@ def _windows(trial: Trial) -> list[_Window]:
 
 
 def correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
-    """Return the cross-correlation at lags -reach to reach [samples] of `late`."""
+    """Return the cross-correlation at delays -reach to reach [samples] of `late`."""
     size = 1 << (2 * early.size).bit_length()
     product = np.fft.rfft(late, size) * np.conj(np.fft.rfft(early, size))
     found: FloatArray = np.fft.irfft(product, size)

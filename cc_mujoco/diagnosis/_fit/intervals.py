@@ -167,8 +167,8 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
     Noise makes B; trials that disagree by factors f_k make f_k B_kk of its diagonal,
-    with few degrees of freedom; `form_error` adds its part. Those are divided by the
-    squared share of B and trials (Satterthwaite, Biometrics Bulletin 2, 1946).
+    with few degrees of freedom; `form_error` adds its part. The degrees are divided by
+    the squared share of B and trials (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)

@@ -702,7 +702,7 @@ def refinement_change(
 ) -> tuple[float, SimulatedRig | None]:
     """Return the RMS torque change over the floor by a finer rig, and that rig.
 
-    Segments or steps are doubled, whichever changes more; None is beyond the limit.
+    Segments or steps are doubled, whichever changes more; a rig beyond limits is None.
     """
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]

@@ -581,7 +581,7 @@ def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, 
 
 
 def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of effects that cause a loss beyond the scene's friction."""
+    """Return groups of effects that may cause a loss beyond the scene's friction."""
     values, least = found.values, Limit.min_share * found.load
     ties = []
     loss = values.get("load_independent_loss")

@@ -162,7 +162,7 @@ LEAD_SAMPLES = 2 * Limit.ramp_samples
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """One stretch of one trial; arrays have one entry per compared sample.
+    """One stretch of one trial; arrays have one entry per sample kept.
 
     A record equals only itself, so that results for it can be cached.
     """

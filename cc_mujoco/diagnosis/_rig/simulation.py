@@ -294,7 +294,7 @@ def baseline_parameters(
     instruments: Instruments = TORQUE_SENSORS,
     guessed: Collection[str] = (),
 ) -> tuple[Tuned, ...]:
-    """Return the baseline's parameters; `guessed` ones are estimated from the data."""
+    """Return the baseline's parameters; those `guessed` have rough start values."""
     cable = bench.cables[0]
     step = records[0].step
 

@@ -33,7 +33,7 @@ _Key = tuple[str, tuple[float, ...], str]
 
 
 class Signature(NamedTuple):
-    """Contribution that an effect, from one of its starts, could make to the error."""
+    """Contribution of an effect, from one of its starts, to explaining the error."""
 
     id: str  # of the effect
     start: dict[str, float]  # where it would explain most, amplitudes solved for

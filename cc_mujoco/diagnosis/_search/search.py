@@ -41,7 +41,7 @@ from cc_mujoco.native import FloatArray
 def gap_shares(
     baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
-    """Return the share of error that removing each effect restores; extend `known`."""
+    """Return the share of the gap that removing each effect opens; extend `known`."""
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
@@ -130,7 +130,7 @@ def search(
 def names_found(
     baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
-    """Return effects found in part of the data, each with ties; `whole` is of all."""
+    """Return effects found in a part, each with ties; `whole` is the search in all."""
     course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
@@ -142,7 +142,7 @@ def names_found(
 @dataclass(frozen=True)
 class _Additions:
     progress: Progress = no_progress
-    # Search in all data, whose models give those of a part floor, plant and start
+    # Search in all data; models of a part take floor, plant and start from its own
     whole: Search | None = None
     earlier: Search | None = None  # search whose candidates are not fitted again
 

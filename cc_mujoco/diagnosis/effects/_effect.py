@@ -142,8 +142,8 @@ class Signals:
         motor_radius: radius of the motor's pulley.
         joint_radius: radius of the joint's pulley.
         conditions: conditions of the trial.
-        columns: columns of the file that the effect requested (samples,), by name, as
-            they are recorded; with `temperature_c`.
+        columns: further columns of the file (samples,), by name, as they are
+            recorded; with `temperature_c`.
     """
 
     dt: float

@@ -559,7 +559,7 @@ _CAUSES = {
     "dead": "is the sensor or its wire broken",
     "gain": "was the sensor's gain changed, or the sensor exchanged",
 }
-"""Question after the cause, by kind of event."""
+"""Question on the cause, by kind of event."""
 _SUBJECTS = {
     "joint_angle_offset": "the zero between motor and joint",
     "motor_torque_offset": "the zero of the motor torque",

@@ -55,7 +55,7 @@ class Samples(NamedTuple):
     """Error of one channel in all records, with motion and torque, by sample."""
 
     error: FloatArray  # measured minus simulated [N m]
-    weight: FloatArray  # inverse square of the noise floor [1/N m^2]
+    weight: FloatArray  # inverse square of the noise floor [1/(N m)^2]
     angles: Mapping[str, FloatArray]  # by name, "motor angle" first [rad]
     torque: FloatArray  # simulated, of the same channel [N m]
     speed: FloatArray  # of the motor [rad/s]

@@ -153,7 +153,7 @@ class Deviating:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """Trial to record in order to distinguish rivals."""
+    """Trials to record in order to distinguish rivals."""
 
     description: str  # what to do on the rig
     separates: tuple[str, ...]  # ids of the rivals
@@ -339,7 +339,7 @@ class Diagnosis:
     verdict: Verdict
     """Verdict in one word."""
     statement: str
-    """Verdict in one or two sentences."""
+    """Verdict in a few sentences."""
     _: KW_ONLY
     effects: tuple[FoundEffect, ...] = ()
     """Effects in the model, in the order in which they were added."""
@@ -348,7 +348,7 @@ class Diagnosis:
     not_testable: tuple[NotTestable, ...] = ()
     """Effects that these data cannot show."""
     next_experiment: NextExperiment | None = None
-    """Experiment that would separate the first tie, or None."""
+    """Trials that would separate the first tie, or None."""
     where: tuple[Where, ...] = ()
     """Locations of the error, the main one first."""
     gap: Mapping[str, Gap] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 Three things are known of every transmission, whatever its friction: the joint follows
 the motor, the torques of motor and joint rise together, and motor power less joint
-power is never negative in the long run. Of the eight ways in which signs may be wrong,
+power is never negative in the long run. Of the seven ways in which signs may be wrong,
 each breaks another combination of the three (inverting everything on both sides is a
 change of convention that nothing can show). By virtual work the ratio of the angles is
 the ratio of the torques, friction aside, if the units are right.

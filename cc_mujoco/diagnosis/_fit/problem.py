@@ -207,7 +207,7 @@ def _need_replay(problem: Problem, x: FloatArray, steps: Sequence[float]) -> lis
 
 
 Masks = Sequence[NDArray[np.bool_]]
-"""For every record the samples that take part."""
+"""Samples that take part (samples,), by record."""
 
 
 def tuned_effect_parameter(

@@ -27,4 +27,4 @@ def _read() -> dict[str, CauseClass]:
 
 
 CLASSES = _read()
-"""Class by id of an effect or name of a tuned parameter."""
+"""Classes by id of an effect or name of a parameter."""

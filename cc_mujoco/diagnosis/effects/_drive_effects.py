@@ -253,7 +253,7 @@ DRIVE_EFFECTS = (
         ),
     ),
 )  # fmt: skip
-"""Effects of pulleys, motor and joint in the library."""
+"""Usual effects of pulleys, motor and joint."""
 
 
 class DrumWinding:
@@ -519,7 +519,7 @@ SENSOR_EFFECTS = (
         sensor=True,
     ),
 )  # fmt: skip
-"""Effects of sensors in the library."""
+"""Usual effects of sensors."""
 
 
 class SensorCrossTalk:

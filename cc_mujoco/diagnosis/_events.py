@@ -33,7 +33,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_number,
     plain_name,
 )
-from cc_mujoco.diagnosis._rig.simulation import change_name
+from cc_mujoco.diagnosis._rig.simulation import TORQUE_OFFSETS, change_name
 from cc_mujoco.diagnosis._search.candidates import explained_share, screen
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Event
@@ -43,7 +43,7 @@ from cc_mujoco.report._html import list_words
 
 CONSTANTS = (
     *("joint_angle_offset", "pretension", "friction", "axial_stiffness"),
-    *("motor_torque_offset", "joint_torque_offset"),
+    *TORQUE_OFFSETS,
 )
 """Parameters of the baseline that an event may change."""
 REST = "the other trials"
@@ -242,12 +242,9 @@ def _noise(problem: Problem) -> float:
 
 
 def _tested(
-    sizes: FloatArray,
-    weights: FloatArray,
-    design: FloatArray,
-    steps: FloatArray,
+    sizes: FloatArray, weights: FloatArray, design: FloatArray, steps: FloatArray,
     noise: float,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the square that each step takes (m,), and the probability of as much.
 
     `sizes` (n,) of inverse variances `weights` (m, n) are regressed on `design` (n, k)
@@ -335,11 +332,9 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
 
 
 def _is_comparable(
-    problem: Problem,
-    tracks: Mapping[str, _Track],
-    one: Sequence[str],
+    problem: Problem, tracks: Mapping[str, _Track], one: Sequence[str],
     other: Sequence[str],
-) -> bool:
+) -> bool:  # fmt: skip
     """Return whether facts, speeds and torques of two groups of trials overlap."""
     records = {record.trial: record for record in problem.plant.records}
 
@@ -411,10 +406,14 @@ class _Change(NamedTuple):
         """Return the squared error at a level, the level's best change, its weight.
 
         A constant is simulated at its level, as large changes are not in proportion to
-        its derivative. The weight is the square of the signal.
+        its derivative; a torque's zero, which the fit bounds, is not. The weight is the
+        square of the signal.
         """
         product = square = error_square = 0.0
-        along = np.array([each == self.name for each in self.problem.names], float)
+        linear = self.name in TORQUE_OFFSETS
+        along = np.array(
+            [each == self.name and not linear for each in self.problem.names], float
+        )
         for trial, own in kept.items():
             track = self.tracks[trial]
             signal = track.signals[self.name][:, own]

@@ -67,12 +67,17 @@ def judged(found: Diagnosis, happened: Happening | None) -> dict[str, Any]:
     if happened is None:
         return {"found": not kinds, "kinds": kinds, "late": 0.0, "sure": True}
     trial, late, sure = f"trial_{happened.trial:02d}", math.inf, True
+    before = f"trial_{happened.trial - 1:02d}"
     for event in found.events:
-        whole = math.isnan(event.time) and happened.time == 0.0
-        if trial in event.spans and (whole or trial in event.file):
-            late = 0.0 if whole else event.time - happened.time
+        parts = math.isnan(event.time) and happened.time == 0.0
+        # Either side of a division of the trials may be called the event.
+        if parts and (trial in event.spans) != (before in event.spans):
+            late = 0.0
+            break
+        if event.file.endswith(f"{trial}.csv") and not math.isnan(event.time):
+            late = event.time - happened.time
             low, high = event.interval
-            sure = whole or low - MOST / 10 <= happened.time <= high + MOST / 10
+            sure = low - MOST / 10 <= happened.time <= high + MOST / 10
             break
     if "" in NAMES[happened.kind] and not kinds:
         late = 0.0 if trial in found.question else math.inf

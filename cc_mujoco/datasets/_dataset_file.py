@@ -264,7 +264,7 @@ def _facts(table: Table) -> dict[str, Any]:
     known |= {name: table.number(name) for name in numbers}
     texts = "repeat_of", "load_cell", "occasion", "notes"
     known |= {name: table.text(name) for name in texts}
-    known |= {name: table.flag(name) for name in ("unhooked", "swapped")}
+    known |= {name: table.flag(name) for name in ("exclude", "unhooked", "swapped")}
     if abs(known["tilt"] or 0.0) > 2.0 * math.pi:
         raise table.wrong("tilt", "an angle in radians, at most a turn either way")
     tension = known["pretension"]

@@ -79,6 +79,7 @@ class TrialFacts:
     split: Split | None = None  # permitted use; None leaves it to the program
     repeat_of: str | None = None  # name of the trial that this one repeats
     pretension: float | None = None  # pretension of the cables at rest [N]
+    exclude: bool = False  # True if the trial is to be left out
     unhooked: bool = False  # True if the cables were taken off and connect nothing
     # Torque that the motor puts into its pulley to hold a known weight there [N m]
     known_motor_torque: float = 0.0

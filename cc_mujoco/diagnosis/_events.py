@@ -133,9 +133,12 @@ def _find(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
             signals = tracks[next(iter(found.inside))].signals
             exact = [found.of_signal(name).refined() for name in signals]
             exact.sort(key=lambda pair: pair[1])
-            least = exact[0][1] / Limit.rival_event_share
-            rivals = [change.name for change, left in exact[1:] if left < least]
-            return exact[0][0].event(dataset, rivals)
+            (best, left), *others = exact
+            rivals = [
+                e.name for e, own in others if own * Limit.rival_event_share < left
+            ]
+            if best.takes_most() and best.is_plausible():
+                return best.event(dataset, rivals)
     return None
 
 
@@ -286,7 +289,7 @@ def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_S
         # Blocks in which it may begin or end are of neither side.
         edges = (place == first) & (first > 0) | (place == last - 1) & (last < count)
         for name in track.signals:
-            sizes, known = _sizes(*track.sums(name))
+            sizes, known = _sizes(*track.sums(name), Limit.min_event_share)
             weights = np.where(edges, 0.0, known)
             gains, chances = _tested(sizes, weights, track.conditions, steps, noise)
             chances *= len(pairs) * len(tracks) * len(track.signals)
@@ -294,12 +297,16 @@ def _steps_within(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_S
             best = int(np.argmax(gains))
             if gains[best] > 0.0:
                 start, stop = pairs[best].tolist()
+                start = start if start >= least else 0  # too little to be a side
+                stop = stop if count - stop >= least else count
                 yield _Step(name, {trial: (start, stop)})
 
 
-def _sizes(square: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _sizes(
+    square: FloatArray, product: FloatArray, least: float
+) -> tuple[FloatArray, FloatArray]:
     """Return multiples of a signal, and their weights; 0 where it hardly shows."""
-    able = square > Limit.min_event_share * np.max(square)
+    able = square > least * np.max(square)
     return np.where(able, product / np.maximum(square, 1e-300), 0.0), square * able
 
 
@@ -308,7 +315,8 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
     noise = _noise(problem)
     for signal in dict.fromkeys(n for track in tracks.values() for n in track.signals):
         sums = [np.sum(track.sums(signal), axis=1) for track in tracks.values()]
-        sizes, weights = _sizes(*np.array(sums).T)
+        square, product = np.array(sums).T
+        sizes, weights = _sizes(square, product, Limit.min_trial_share)
         kept = np.flatnonzero(weights)
         names = [list(tracks)[k] for k in kept]
         sizes, weights, count = sizes[kept], weights[kept], kept.size
@@ -335,13 +343,14 @@ def _is_comparable(
     problem: Problem, tracks: Mapping[str, _Track], one: Sequence[str],
     other: Sequence[str],
 ) -> bool:  # fmt: skip
-    """Return whether facts, speeds and torques of two groups of trials overlap."""
+    """Return whether facts and speeds of two groups of trials overlap."""
     records = {record.trial: record for record in problem.plant.records}
 
     def conditions(name: str) -> FloatArray:
         record, means = records[name], tracks[name].conditions.mean(axis=0)
         declared = record.pretension or 0.0, abs(record.tilt), *record.known_torques
-        return np.array([*declared, *means[[1, 4]]])  # RMS of speed and torque
+        # An event may change the torques themselves.
+        return np.array([*declared, means[1]])
 
     groups = (np.array([conditions(n) for n in names]) for names in (one, other))
     (low, high), (least, most) = ((g.min(axis=0), g.max(axis=0)) for g in groups)
@@ -442,10 +451,35 @@ class _Change(NamedTuple):
         return self._replace(levels=(found[0], found[1])), whole
 
     def takes_most(self) -> bool:
-        """Return whether the step leaves less than half of the error of its part."""
-        before = sum(float(np.sum(self.tracks[n].error[:, k] ** 2))
-                     for n, k in self.inside.items())  # fmt: skip
-        return self.left(self.inside, self.levels[0])[0] < Limit.max_event_rest * before
+        """Return whether it leaves less than half of its part's error, or of all."""
+        before = after = 0.0
+        for kept, level in zip((self.inside, self.outside), self.levels, strict=True):
+            errors = (self.tracks[n].error[:, own] for n, own in kept.items())
+            before += sum(float(np.sum(error**2)) for error in errors)
+            after += self.left(kept, level)[0]
+            if after < Limit.max_event_rest * before:
+                return True
+        return False
+
+    @property
+    def is_idle(self) -> bool:
+        """True if torques of the part no longer follow the simulation at all."""
+        known = (
+            self.name == PULL or self.name in self.problem.plant.instruments.channels
+        )
+        level, usual = self.levels
+        return known and 1.0 + level < Limit.max_idle_share * (1.0 + usual)
+
+    def is_plausible(self) -> bool:
+        """Return whether it lasts, unless torques were idle, and is no small share."""
+        spans, level = self.spans.values(), self.levels[0] - self.levels[1]
+        scale = 1.0 / (1.0 + self.levels[1])
+        for tuned in self.problem.tuned:
+            if tuned.name == self.name:
+                scale = tuned.scale if tuned.factor else math.inf
+        inner = any(math.isfinite(stop - start) for start, stop in spans)
+        large = abs(level) * scale > Limit.min_event_change
+        return self.is_idle or (large and not inner)
 
     def exceeds_effects(self) -> bool:
         """Return whether, to first order, no effect of the library takes more error."""
@@ -522,8 +556,12 @@ class _Change(NamedTuple):
         scatter = sum(side[0] for side in sides) / (rows * samples)
         scatter = max(scatter, 1.0) * _noise(self.problem)
         spread = Limit.sigmas * math.sqrt(sum(scatter / side[2] for side in sides))
-        ends = level - usual - spread, level - usual + spread
         known = {p.name: p for p in self.problem.tuned}.get(name)
+        unit = 1.0 + level if known is None else abs(level - usual)
+        if known is not None and known.factor:
+            unit = 1.0 / known.scale
+        spread = math.hypot(spread, Limit.event_form_error * unit)
+        ends = level - usual - spread, level - usual + spread
         if known is not None and not known.factor:
             low, high = sorted(known.scale * end for end in ends)
             size = Estimate(known.scale * (level - usual), known.unit, (low, high))
@@ -537,8 +575,9 @@ class _Change(NamedTuple):
             low, high = (1.0 + end / base for end in ends)
             size = Estimate((1.0 + level) / base, "1", (low, high))
             subject = "both torques" if name == PULL else f"the {channel_name(name)}"
-        if known is None and size.value < Limit.max_idle_share:
-            if name == PULL:
+        if self.is_idle:
+            still = sides[0][0] < Limit.max_idle_share * sides[0][2]
+            if name == PULL and still:
                 return "silent", "the cables transmit nothing", size
             return "dead", f"{subject} no longer follows the motion", size
         verb = "are" if name == PULL else "is"
@@ -555,7 +594,7 @@ _CAUSES = {
     "joint_torque_offset": "was the joint's torque sensor zeroed or hit",
     PULL: "was it another device, or another pretension",
     "silent": "was the cable off, or slack for good",
-    "dead": "is the sensor or its wire broken",
+    "dead": "is a sensor, its wire or its power broken",
     "gain": "was the sensor's gain changed, or the sensor exchanged",
 }
 """Question on the cause, by kind of event."""
@@ -569,10 +608,11 @@ _SUBJECTS = {
 def _declaration(
     dataset: Dataset, names: Sequence[str], occasion: str
 ) -> tuple[str, ...]:
-    """Return lines that make trials an occasion, or the advice to leave them out."""
+    """Return lines that make trials an occasion, or that leave them out."""
     if not occasion:
-        return tuple(f"leave out {dataset.trial(name).path}" for name in names)
-    return tuple(f"[trials.{name!r}] occasion = {occasion!r}" for name in names)
+        return tuple(f"[trials.{name!r}] exclude = true" for name in names)
+    every = {t.name: occasion if t.name in names else REST for t in dataset.trials}
+    return tuple(f"[trials.{name!r}] occasion = {own!r}" for name, own in every.items())
 
 
 def _occasion(dataset: Dataset, names: Sequence[str]) -> str:
@@ -665,7 +705,7 @@ def _lasting(
     old, new = level(trial, ~after)[0], level(trial, after)[0]
     every = {n: np.ones(t.time.size, dtype=bool) for n, t in tracks.items()}
     known = {n: level(n, kept) for n, kept in every.items()}
-    least = Limit.min_event_share * max(square for _, square in known.values())
+    least = Limit.min_trial_share * max(square for _, square in known.values())
     usual = {n: own for n, (own, square) in known.items() if square > least}
     is_new = {n: abs(own - new) < abs(own - old) for n, own in usual.items()}
     names = list(tracks)

@@ -91,6 +91,8 @@ def load(
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():
+        if file.facts_of(path, names).exclude:
+            continue
         try:
             trial = parts.get(path, path)
             recording = read(trial, file, name, axis, others, columns, strange)

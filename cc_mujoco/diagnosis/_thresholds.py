@@ -204,11 +204,16 @@ class Limit:
     event_false_alarm_rate = 1e-3  # over all places, signals and trials
     min_event_blocks = 2  # Least blocks of the part and of the rest of a trial
     min_event_freedom = 3  # Least degrees of freedom of the scatter
-    min_event_share = 0.02  # of a signal's largest square by block, to count
+    # of a signal's largest square by block, and by trial, to count
+    min_event_share = 1e-3
+    min_trial_share = 0.02
     max_event_rest = 0.5  # Share of its squared error that an event may leave
     # Share of the squared error beyond which no effect is compared
     sure_event_share = 0.9
     rival_event_share = 0.95  # Squared error left, over that by another constant
+    # Relative half width of a size's interval by the form of the model
+    event_form_error = 0.01
+    min_event_change = 0.05  # Least relative change of a gain or constant
     max_tried_events = 4  # Most parts that are fitted without
     max_events = 5  # Most that are found
 

@@ -21,6 +21,15 @@ def test_no_row_and_one_row(tmp_path: Path, rows: int, sentence: str) -> None:
     assert dataset.trials == () and sentence in only_fix(findings).statement
 
 
+def test_an_excluded_trial_is_not_read(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", recording(2.0))
+    (tmp_path / "b.csv").write_text("")
+    (tmp_path / "dataset.toml").write_text("[trials.b]\nexclude = true\n")
+    dataset, findings = load(tmp_path)
+    assert [trial.name for trial in dataset.trials] == ["a"]
+    assert not errors(findings)
+
+
 def test_one_bad_file_does_not_hide_the_others(tmp_path: Path) -> None:
     write(tmp_path / "a.csv", recording(2.0))
     (tmp_path / "b.csv").write_text("")

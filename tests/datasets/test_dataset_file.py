@@ -51,6 +51,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         tilt=1.57,
         valid=((0.5, 12.0),),
         occasion="March",
+        exclude=True,
         unhooked=True,
         known_joint_torque=2.0,
         known_motor_torque=2.0,

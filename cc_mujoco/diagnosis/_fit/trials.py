@@ -661,7 +661,10 @@ def compare_occasions(
     if len(names) < 2:
         return None
     tuned = {parameter.name: parameter for parameter in problem.tuned}
-    reported = ("friction", "pretension", "axial_stiffness", "friction_balance")
+    reported = (
+        *("friction", "pretension", "axial_stiffness", "friction_balance"),
+        "joint_angle_offset",
+    )
     changes = []
     *earlier, last = names
     for since in reversed(earlier):

@@ -267,7 +267,7 @@ def _step_item(title: str, text: str) -> Html:
 
 def _event(event: Event) -> Html:
     lines = element("pre", "\n".join(event.declaration))
-    title = "The rest is judged without it. If so, declare it in dataset.toml:"
+    title = "The rest is judged without it. If so, declare it in these tables:"
     asked = paragraph(element("strong", "What happened: "), event.statement)
     return join_pieces([asked, folded(title, lines)])
 

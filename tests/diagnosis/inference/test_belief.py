@@ -74,7 +74,7 @@ def test_probabilities_add_up_and_agree_with_pairwise_odds() -> None:
 
 def test_rates_are_those_of_the_page() -> None:
     page = Path(diagnosis.__file__).with_name("validation.md").read_text("utf-8")
-    odds = page[page.index("## Odds") : page.index("## Noise floor")]
+    odds = page[page.index("## Odds") : page.index("## Intervals")]
     rates = re.findall(r"`(\w+)`\s+(\d+) %", odds)
     right = {name: rate for name, (rate, _) in STUDIED.items()}
     assert {name: int(rate) / 100 for name, rate in rates} == right

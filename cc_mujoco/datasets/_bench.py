@@ -194,12 +194,9 @@ class Bench:
         return np.interp(motor, self.following(known), known)
 
     def replay(
-        self,
-        dt: float,
-        motor_angle: FloatArray,
-        joint_angle: FloatArray,
+        self, dt: float, motor_angle: FloatArray, joint_angle: FloatArray,
         others: FloatArray | None = None,
-    ) -> Driven:
+    ) -> Driven:  # fmt: skip
         """Simulate the cables of the scene, from rest, with both end angles prescribed.
 
         Args:
@@ -438,13 +435,9 @@ class _Ends(NamedTuple):
 
 
 def _cable_connections(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    path: Path,
-    name: str,
-    cable: Cable,
+    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str, cable: Cable,
     driven: str,
-) -> _Ends:
+) -> _Ends:  # fmt: skip
     """Return joint and gear at each end; if several joints move it, take `driven`."""
     ends: list[tuple[str, float]] = []
     lever = None

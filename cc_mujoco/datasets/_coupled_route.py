@@ -210,13 +210,10 @@ def _poses(
 
 
 def pulling_torque(
-    scene: CoupledScene,
-    cable: PullingCable,
-    joint: FloatArray,
-    others: Mapping[str, FloatArray],
-    proximal: FloatArray | None,
+    scene: CoupledScene, cable: PullingCable, joint: FloatArray,
+    others: Mapping[str, FloatArray], proximal: FloatArray | None,
     distal: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return bounds of the torque of another axis's cable at the joint [N m].
 
     Over a bend of angle `wrap` friction changes a tension T at most to T exp(+-friction

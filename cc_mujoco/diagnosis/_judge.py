@@ -759,12 +759,9 @@ def probabilities(z: Mapping[str, float]) -> dict[str, float]:
 
 
 def belief_in_verdict(
-    found: Search,
-    kind: Verdict,
-    missing: Sequence[str],
-    ties: Sequence[Sequence[str]],
-    left: float,
-) -> VerdictOdds:
+    found: Search, kind: Verdict, missing: Sequence[str],
+    ties: Sequence[Sequence[str]], left: float,
+) -> VerdictOdds:  # fmt: skip
     """Return the probability that a verdict is right, and its alternatives.
 
     A named effect is right if it, or another cause of its class, acts; a tie if one of

@@ -328,13 +328,9 @@ def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
 
 
 def _map(
-    traces: Sequence[TrialTrace],
-    axis: str,
-    unit: str,
-    values: Arrays,
-    channel: str,
+    traces: Sequence[TrialTrace], axis: str, unit: str, values: Arrays, channel: str,
     random: Generator,
-) -> Map | None:
+) -> Map | None:  # fmt: skip
     """Return the mean error of a channel by bins of an axis; None for few samples."""
     kept = [trace.counts > 0.0 for trace in traces]
     pairs = list(zip(traces, kept, strict=True))

@@ -132,12 +132,9 @@ def _sliding(
 
 
 def _work_per_travel(
-    trial: Trial,
-    used: np.ndarray,
-    shown: tuple[FloatArray, FloatArray],
-    omega: FloatArray,
-    turn: FloatArray,
-) -> tuple[float, float, float, float]:
+    trial: Trial, used: np.ndarray, shown: tuple[FloatArray, FloatArray],
+    omega: FloatArray, turn: FloatArray,
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Return works of motor and joint per motor travel, deviation and power [N m].
 
     The stored energy is fitted as a function of torques and speeds, so that cycles need

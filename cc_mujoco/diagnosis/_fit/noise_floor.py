@@ -51,12 +51,9 @@ class NoiseFloor(NamedTuple):
 
 
 def noise_floor(
-    dataset: Dataset,
-    plant: SimulatedRig,
-    filtering: Filtering,
-    values: Values,
+    dataset: Dataset, plant: SimulatedRig, filtering: Filtering, values: Values,
     seed: int = 0,
-) -> NoiseFloor:
+) -> NoiseFloor:  # fmt: skip
     """Return the noise floor of every record, by the rig simulated with `values`."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 

@@ -108,13 +108,9 @@ class SceneLaw(NamedTuple):
 
 
 def strokes_of(
-    trial: int,
-    angle: FloatArray,
-    ideal: FloatArray,
-    torque: FloatArray,
-    step: float,
-    speed_noise: float,
-) -> list[Stroke]:
+    trial: int, angle: FloatArray, ideal: FloatArray, torque: FloatArray,
+    step: float, speed_noise: float,
+) -> list[Stroke]:  # fmt: skip
     """Return the strokes of a recording without gaps; rests are left out.
 
     `angle` of the joint [rad], `ideal` torque without loss, measured `torque` [N m] are
@@ -224,12 +220,9 @@ def _own_share(columns: FloatArray, column: int, others: Sequence[int]) -> float
 
 
 def fit_loss(
-    strokes: Sequence[Stroke],
-    load_noise: float,
-    scene: SceneLaw,
-    gain_uncertainty: float = math.inf,
-    seed: int = 0,
-) -> LossFit:
+    strokes: Sequence[Stroke], load_noise: float, scene: SceneLaw,
+    gain_uncertainty: float = math.inf, seed: int = 0,
+) -> LossFit:  # fmt: skip
     """Fit the loss of a transmission by direction and load.
 
     `load_noise` is the deviation of the torque without loss [N m], `gain_uncertainty`

@@ -209,12 +209,9 @@ def rms(parts: Sequence[FloatArray]) -> float:
 
 
 def _statement(
-    kind: Verdict,
-    values: dict[str, Estimate],
-    sure: tuple[bool, bool],
-    before: float,
-    after: float,
-) -> str:
+    kind: Verdict, values: dict[str, Estimate], sure: tuple[bool, bool],
+    before: float, after: float,
+) -> str:  # fmt: skip
     off = (
         f"The joint is {words.format_number(before)} times the noise off a rigid drive"
     )

@@ -606,14 +606,9 @@ def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
 
 
 def refit_difference(
-    problem: Problem,
-    x: FloatArray,
-    records: Sequence[Record],
-    torques: Arrays,
-    noise: FloatArray,
-    known: FloatArray,
-    difference: FloatArray,
-) -> FloatArray:
+    problem: Problem, x: FloatArray, records: Sequence[Record], torques: Arrays,
+    noise: FloatArray, known: FloatArray, difference: FloatArray,
+) -> FloatArray:  # fmt: skip
     """Return the difference (rows, samples) that is left after a refit within bounds.
 
     `records` are new trials, `torques` those that the model predicts, `noise` (rows, 1)

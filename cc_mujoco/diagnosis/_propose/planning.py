@@ -249,16 +249,12 @@ _TITLE = "# Trials to record"
 
 
 def plan(
-    scene: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    axis: str | None = None,
-    reach: float | None = None,
+    scene: str | os.PathLike[str], out: str | os.PathLike[str], *,
+    axis: str | None = None, reach: float | None = None,
     speed: float = Limit.default_speed,
     dataset_toml: str | os.PathLike[str] | None = None,
-    ids: Sequence[str] | None = None,
-    begun: Callable[[], object] = lambda: None,
-) -> TrialPlan:
+    ids: Sequence[str] | None = None, begun: Callable[[], object] = lambda: None,
+) -> TrialPlan:  # fmt: skip
     """Choose trials by which every effect of the library shows and is distinguished.
 
     Args:

@@ -392,14 +392,9 @@ class _Forces(_Sensors):
 
 
 def _play(
-    model: MjModel,
-    view: _Sensors,
-    start: float,
-    dt: float,
-    substeps: int,
-    angles: FloatArray,
-    more: int,
-) -> FloatArray:
+    model: MjModel, view: _Sensors, start: float, dt: float, substeps: int,
+    angles: FloatArray, more: int,
+) -> FloatArray:  # fmt: skip
     """Return torques (2, samples + more) [N m] along angles; the last ones are held."""
     model.opt.timestep = dt / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

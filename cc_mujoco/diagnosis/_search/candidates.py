@@ -73,13 +73,9 @@ class _Place:
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        x: FloatArray,
-        masks: Masks,
-        changes: Changes,
+        self, problem: Problem, x: FloatArray, masks: Masks, changes: Changes,
         explained: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.problem, self.x = problem, x
         self._seen = [k for k, mask in enumerate(masks) if mask.any()]
         here, records = problem.torques(x, self._seen), problem.plant.records
@@ -144,13 +140,9 @@ class _Place:
 
 class _Screen(_Place):
     def __init__(
-        self,
-        problem: Problem,
-        x: FloatArray,
-        masks: Masks,
-        changes: Changes,
+        self, problem: Problem, x: FloatArray, masks: Masks, changes: Changes,
         division: Sequence[Fold],
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(problem, x, masks, changes)
         self._error = error = problem.residual(x, masks)
         slopes = fitting.jacobian(problem, x, masks)
@@ -435,12 +427,9 @@ def decide(
 
 
 def tie_reason(
-    now: CrossValidation,
-    best: CrossValidation,
-    other: CrossValidation,
-    names: tuple[str, str],
-    confused: bool,
-) -> Literal["", "noise", "form"]:
+    now: CrossValidation, best: CrossValidation, other: CrossValidation,
+    names: tuple[str, str], confused: bool,
+) -> Literal["", "noise", "form"]:  # fmt: skip
     """Return "noise" or "form" if two effects are tied, "" if they are not.
 
     They are not if one explains the data and the other does not, even if few moments

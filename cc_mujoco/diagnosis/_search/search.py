@@ -212,12 +212,9 @@ class _Additions:
         return screening.screen(now.problem, now.x, masks, ids, now.division, changes)
 
     def _candidates(
-        self,
-        now: CrossValidation,
-        signatures: Sequence[Signature],
-        refitted: Mapping[str, Candidate],
-        progress: Progress,
-    ) -> list[Candidate]:
+        self, now: CrossValidation, signatures: Sequence[Signature],
+        refitted: Mapping[str, Candidate], progress: Progress,
+    ) -> list[Candidate]:  # fmt: skip
         """Return refitted effects that screening recommends, and their lookalikes."""
         chosen: list[Signature] = []
         if signatures:
@@ -535,13 +532,10 @@ def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
 
 
 def _found_effects(
-    found: Search,
-    problem: Problem,
-    x: FloatArray,
-    estimated: Mapping[str, Estimate],
-    agreed: Mapping[str, float],
+    found: Search, problem: Problem, x: FloatArray,
+    estimated: Mapping[str, Estimate], agreed: Mapping[str, float],
     groups: Mapping[str, tuple[str, ...]],
-) -> tuple[FoundEffect, ...]:
+) -> tuple[FoundEffect, ...]:  # fmt: skip
     sure = {step.added: step.confidence for step in found.rounds}
     shares, library = found.shares, problem.plant.library.effects
     beyond = max(found.before.misfit**2 - 1.0, 0.0)

@@ -276,7 +276,7 @@ def direction_factor(values: FloatArray, sense: float) -> float:
 
 @internal
 def age_after_step(values: FloatArray, age: float, slip: float, dt: float) -> float:
-    """Return the age ln(1 + t/t_0) of the contacts after a step of `slip` [m].
+    """Return the age ln(1 + T/t_0) of the contacts after a step of `slip` [m].
 
     Contacts age and slip over `critical_slip_distance` renews them: dT/dt = 1 - |v|
     T/l, T in seconds, solved for the mean speed (Ruina, J. Geophys. Res. 88, 1983).

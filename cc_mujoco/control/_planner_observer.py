@@ -33,7 +33,7 @@ _MODEL_MEMORY = 0.3  # time over which the errors of both models are compared [s
 
 @internal
 def replace_by_mean_torque(planner: Planner) -> None:
-    """Replace the last command in `applied` by the mean torque of a motor that lags."""
+    """Step the motor's lag; its mean torque replaces the command last in `applied`."""
     memory, applied, tune = planner.memory, planner.applied, planner.tune
     command, lag, dt = applied[applied.size - 1], tune[at.LAG], tune[at.PERIOD]
     behind = memory[at.MOTOR_TORQUE] - command
@@ -270,7 +270,7 @@ def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> flo
 
     Drag can keep a cable pulling however much cable is paid out. A model without that
     drag would be shifted as long as it does, and its motor would pay out cable
-    endlessly. So while the cable pulls more than desired, the total shift is at most
+    endlessly. So while the cable pulls more than desired, the shift grows by at most
     the stretch by that pull plus the angle that the motor can take up in half of the
     horizon.
 

@@ -91,7 +91,7 @@ class SingleCell(NamedTuple):
     def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:
         """Return the load cell of a channel such as `tension_agonist_distal_n`.
 
-        The pretension of the trial is in newtons; None is that of the scene.
+        The trial's pretension is in newtons; None or 0 is that of the scene.
         """
         for row, (torque, end) in enumerate(END_OF_TORQUE.items()):
             for cable, names in enumerate(_cell_names(end, bench)):

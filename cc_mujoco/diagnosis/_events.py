@@ -387,7 +387,11 @@ class _Change(NamedTuple):
         every = {n: np.ones(t.time.size, dtype=bool) for n, t in compared.items()}
         outside = {n: kept & ~inside.get(n, ~kept) for n, kept in every.items()}
         place = problem, x, tracks, step.name
-        return cls(*place, inside, outside, reach, (0.0, 0.0), 0.0).of_signal(step.name)
+        found = cls(*place, inside, outside, reach, (0.0, 0.0), 0.0)
+        found = found.of_signal(step.name)
+        rest = {n: kept for n, kept in outside.items() if kept.any()}
+        other = found._replace(inside=rest, outside=inside, levels=found.levels[::-1])
+        return other if not reach and other.is_idle else found
 
     def of_signal(self, name: str) -> _Change:
         """Return a change of another signal in the same samples."""

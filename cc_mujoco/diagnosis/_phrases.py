@@ -146,7 +146,7 @@ def format_share(value: float) -> str:
 
 
 def format_signed(value: float) -> str:
-    """Return a number with three significant digits and its sign."""
+    """Return a number with its sign, to three digits or integers."""
     return f"{'+' if value > 0.0 else ''}{format_number(value)}"
 
 

@@ -186,7 +186,7 @@ def residual_slopes(
 def residual_changes(
     steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Arrays
 ) -> FloatArray:
-    """Return residual changes (k, residuals) by torques (k, 2, samples) [N m]."""
+    """Return torque `changes` times `residual_slopes` `steep`, (k, residuals)."""
     pairs = zip(changes, steep, strict=True)
     kept = ((c.compress(mask, axis=2), each) for c, (each, mask) in pairs)
     parts = [(own * each).reshape(len(own), -1) for own, each in kept]

@@ -357,7 +357,7 @@ def _require_possible(bench: Bench, reach: float) -> None:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the default reach of the motor [rad], with stops within 1 s at `speed`."""
+    """Return the motor's default reach [rad]: to a stop, at most 1 s at `speed`."""
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else experiment.half_range(bench)
         return min(Limit.default_reach, half)

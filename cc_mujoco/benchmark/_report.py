@@ -169,7 +169,7 @@ def divergence_sentences(results: Results) -> list[str]:
 
 
 def cut_sentences(results: Results) -> list[str]:
-    """Return a sentence per entry with the share of its torques that were cut."""
+    """Return a sentence per entry cut to the motor's limit: in how many steps."""
     found: dict[str, list[float]] = {}
     for cell, played in results:
         found.setdefault(cell.controller, []).extend(played.plants.get(CUT_SHARE, ()))

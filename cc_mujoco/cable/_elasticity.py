@@ -279,7 +279,7 @@ def bristle_heat(piece: Piece, before: float, after: float) -> float:
 
 @internal
 def _stored(x: float) -> float:
-    """Return energy / (final stretch x half tension) at x = tension / half tension."""
+    """Return the energy of a stretch e T / (T + T_b) over e T_b, at x = T / T_b."""
     if x < 1e-3:
         # Series of ln(1 + x) - x / (1 + x), which loses its digits here.
         return x * x * (0.5 - x * (2.0 / 3.0 - x * (0.75 - x * 0.8)))

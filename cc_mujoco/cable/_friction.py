@@ -38,7 +38,7 @@ MIN_GREASE_SPEED = 1e-6
 
 
 def _term_indices(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
-    """Return the indices of parameter and `constant_without` of the selected terms."""
+    """Return `INDEX` of each selected term and its `constant_without`, else itself."""
     return tuple(
         (INDEX[name], INDEX[term.constant_without or name])
         for name, term in TERMS.items()

@@ -326,7 +326,7 @@ class ExportPlan:
 
 
 def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw]:
-    """Return a controller with its default gains, and its compiled functions."""
+    """Return a controller, default but for `iterations`, and its functions."""
     if name.endswith(POLICY_ENDING):
         policy = SteppedPolicy(drive, name)
         return policy, policy.stepped

@@ -412,7 +412,7 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 def explain_tied(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append to a refusal that an end tied to `tendon` has not gear -1 (distal: 1)."""
+    """Add to a refusal if an end on `tendon` has not gear -1 (proximal) or 1."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         tied = holding_tendon(model, actuator) == tendon

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,8 @@ def test_a_proposed_trial_is_played_and_continued(
     known = tmp_path / "dataset.toml"
     known.write_text("[trials.a]\npretension = 9\n", encoding="utf-8")
     folder = diagnosed / planned.folder
+    longer = replace(planned, trials=("trial_03", "trial_04"))
+    write_proposed(folder, longer, [motion, motion], "")
     write_proposed(folder, planned, [motion], str(known))
     (trial,) = read_plan(folder)
     assert (trial.name, trial.notes) == ("trial_03", "cables off")

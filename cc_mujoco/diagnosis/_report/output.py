@@ -389,11 +389,14 @@ def write_proposed(
     """Write the proposed motions, and `dataset.toml` with their facts last."""
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
+    names = [MOTION_FILE.format(t.removeprefix("trial_")) for t in planned.trials]
     with replacing_folder(folder) as place:
-        for trial, motion in zip(planned.trials, motions, strict=True):
-            number = trial.removeprefix("trial_")
-            write_motion(place / MOTION_FILE.format(number), motion)
+        for name, motion in zip(names, motions, strict=True):
+            write_motion(place / name, motion)
         (place / DATASET_FILE).write_text("\n".join(facts), encoding="utf-8")
+    for file in folder.glob(MOTION_FILE.format("*")):
+        if file.name not in names:  # of an earlier, longer proposal
+            file.unlink()
 
 
 def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:

@@ -17,14 +17,13 @@ class CauseClass:
 
     name: str  # id of the effect, or name of the parameter
     causes: tuple[str, ...]  # in words
-    separated_by: str  # what tells them apart
+    separated_by: str  # what distinguishes them
 
 
-def _read() -> dict[str, CauseClass]:
-    with (Path(__file__).parents[1] / "causes.csv").open(encoding="utf-8") as file:
-        _, *rows = csv.reader(file)
-    return {n: CauseClass(n, tuple(text.split("; ")), how) for n, text, how in rows}
-
-
-CLASSES = _read()
+_TEXT = (Path(__file__).parents[1] / "causes.csv").read_text(encoding="utf-8")
+CLASSES = {
+    name: CauseClass(name, tuple(causes.split("; ")), how)
+    for names, causes, how in [*csv.reader(_TEXT.splitlines())][1:]
+    for name in names.split("; ")
+}
 """Classes by id of an effect or name of a parameter."""

@@ -104,11 +104,12 @@ def diagnose(
         known |= {"effects": requested, "proposing": False}
         result, dataset = infer(bench, given, **known)
         names = [name for name in effects if isinstance(name, str)]
-        begun, statement = result.diagnosis, result.diagnosis.statement
+        statement = result.diagnosis.statement
         tied = result.found is not None and bool(result.found.ties)
         if tied:
-            begun = replace(begun, statement=f"{statement} {PROPOSAL_FOLLOWS}")
-        result = replace(result, diagnosis=begun)
+            text = f"{statement} {PROPOSAL_FOLLOWS}"
+            begun = replace(result.diagnosis, statement=text)
+            result = replace(result, diagnosis=begun)
         found = output.write(result, dataset, Path(out), command, seed, names)
         reported(found)
         if tied:
@@ -204,13 +205,13 @@ def run_inference(
         fitted = fit_scene(dataset, bench, settings, progress)
         if isinstance(fitted, Diagnosis):
             return DiagnosisResult(replace(fitted, events=tuple(events)), bench)
-        place = fitted.problem, fitted.whole.x
-        event = find_event(*place, dataset) if len(events) < Limit.max_events else None
+        event, more = None, len(events) < Limit.max_events
+        if more:
+            event = find_event(fitted.problem, fitted.whole.x, dataset)
         if event is None:
             found = search_effects(fitted, progress)
-            if not found.problem.effects or len(events) == Limit.max_events:
-                break
-            event = find_event(found.problem, found.x, dataset)
+            if more and found.problem.effects:
+                event = find_event(found.problem, found.x, dataset)
         if event is None:
             break
         events.append(event)

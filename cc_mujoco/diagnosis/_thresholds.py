@@ -314,11 +314,8 @@ class Limit:
     searched_trials = 2  # Kinds of trials whose settings are searched
     sure_share = 0.5  # of the expected difference with which a trial settles for sure
     min_gain = 1.05  # Squared separation per second from which a setting is changed
-    setting_steps = (
-        2.0,
-        2.0,
-        1.4,
-    )  # Factors by which a search changes one setting at a time
+    # Factors by which a search changes one setting at a time
+    setting_steps = 2.0, 2.0, 1.4
     default_torque_noise = 0.005  # where none is declared, over the RMS
     default_angle_noise = 1e-4  # where none is declared [rad]
     max_slack = 0.05  # Share of a trial in which a lone cable may be slack

@@ -46,13 +46,12 @@ def check_recording(
     _check_locked(recording, facts)
     _check_constants(recording, facts)
     _check_clipping(recording, alone)
-    for channel in channels.ANGLES[::-1]:
-        if channel in recording.values:
-            _check_degrees(recording, file, channel)
+    angles = [channel for channel in channels.ANGLES if channel in recording.values]
+    for channel in angles[::-1]:
+        _check_degrees(recording, file, channel)
     for check in (_check_turnovers, _check_leaps):
-        for channel in channels.ANGLES:
-            if channel in recording.values:
-                check(recording, channel)
+        for channel in angles:
+            check(recording, channel)
     _check_second_clock(recording, file)
     _check_copied_loads(recording)
     _check_copied_rows(recording)

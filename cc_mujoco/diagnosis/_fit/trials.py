@@ -661,10 +661,8 @@ def compare_occasions(
     if len(names) < 2:
         return None
     tuned = {parameter.name: parameter for parameter in problem.tuned}
-    reported = (
-        *("friction", "pretension", "axial_stiffness", "friction_balance"),
-        "joint_angle_offset",
-    )
+    cables = "friction", "pretension", "axial_stiffness", "friction_balance"
+    reported = *cables, "joint_angle_offset"
     changes = []
     *earlier, last = names
     for since in reversed(earlier):

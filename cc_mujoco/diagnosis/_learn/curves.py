@@ -144,8 +144,7 @@ class LearnedCurve:
     @property
     def _in_scene(self) -> bool:
         """True if the torques are over the angles of their own sides."""
-        tables = {side: getattr(self, f"{side}_torque") for side in SIDES}
-        own = {f"{side} angle" for side, table in tables.items() if np.size(table)}
+        own = {f"{side} angle" for side in self.tables()}
         return own == {self.over} and not self.times
 
     @property

@@ -390,8 +390,9 @@ class Comparison:
         swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
         speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
         rate = max(float(np.quantile(speed, 0.99)) for speed in speeds)
-        known: Any = {"instruments": plant.instruments, "settings": settings}
-        return motions(plant.bench, swing, rate, **known)
+        return motions(
+            plant.bench, swing, rate, instruments=plant.instruments, settings=settings
+        )
 
     def expected(self, *trials: CataloguedTrial, least: float = 0.0) -> Expected | None:
         """Return the separation that trials promise, None if too small.
@@ -491,8 +492,9 @@ def designed(comparison: Comparison) -> Expected | None:
     able.sort(key=lambda each: each[1].rank, reverse=True)
     found: list[Expected] = []
     for kind, usual in able[: Limit.searched_trials]:
-        if not any(all(each.settles) for each in found):
-            found.append(_searched(comparison, kind, usual))
+        found.append(_searched(comparison, kind, usual))
+        if all(found[-1].settles):
+            break
     best = max(found, key=lambda each: each.rank, default=None)
     standard = [every[k] for k in new if every[k].standard]
     if standard and (best is None or not best.settles[0]):

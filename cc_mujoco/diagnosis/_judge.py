@@ -477,10 +477,10 @@ def judge(found: Found) -> Diagnosis:
     stretch = worst_stretch(problem, x, found.held.after)
     unhooked = {r.trial for r in plant.records if r.unhooked} & set(found.misfits)
     most = max((found.misfits[name] for name in unhooked), default=0.0)
-    said = [*found.missing, *(name for tie in found.ties for name in tie)]
-    said += [each.parameter for each in beyond]
-    classes = cause_classes([*said, *problem.names])
-    stated = [each for each in classes if each.name in said]
+    reported = [*found.missing, *(name for tie in found.ties for name in tie)]
+    reported += [each.parameter for each in beyond]
+    classes = cause_classes([*reported, *problem.names])
+    stated = [each for each in classes if each.name in reported]
     kind, statement = verdict_of(found, beyond, stretch, most, stated)
     statement += declared_sentence(plant.library.declared)
     left = fitting.floor_ratios(found.held.gap)[1]

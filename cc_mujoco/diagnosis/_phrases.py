@@ -58,7 +58,7 @@ def effect_names(effects: Iterable[str], last: str = "and") -> str:
 
 def class_statement(each: CauseClass) -> str:
     causes = f"{capitalise(effect_name(each.name))}: {list_words(each.causes, 'or')}"
-    return f"{causes}. Torques do not tell them apart; what does: {each.separated_by}."
+    return f"{causes}. Torques do not distinguish them; this does: {each.separated_by}."
 
 
 def plain_name(name: str) -> str:

@@ -370,7 +370,7 @@ class Diagnosis:
     deviating: tuple[Deviating, ...] = ()
     """Parameters that had to be tuned beyond their priors."""
     classes: tuple[CauseClass, ...] = ()
-    """Physical causes that torques do not tell apart, of what is named or deviates."""
+    """Physical causes with equal torques, of what is named or deviates."""
     confounded: tuple[Confounded, ...] = ()
     """Effects that tuning would hide."""
     remaining: float = math.nan

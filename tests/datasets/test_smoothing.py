@@ -46,7 +46,7 @@ def test_speed_does_not_lag_and_stays_inside_its_segment() -> None:
 
 
 @pytest.mark.parametrize("step", [0.001, 0.005, 0.02])
-def test_noise_of_the_speed_is_as_told(step: float) -> None:
+def test_noise_of_the_speed_is_as_stated(step: float) -> None:
     noise = 1e-3 * np.random.default_rng(0).standard_normal(200_000)
     spread = float(np.std(velocity(noise, step)))
     assert spread == pytest.approx(velocity_noise(1e-3, step), rel=0.02)

@@ -1,4 +1,4 @@
-"""Causes that torques do not tell apart, each hidden in a rig of other equations."""
+"""Causes with equal torques, each hidden in a rig of other equations."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 PREFIX = "learned_"
-"""Begin of the id of every learned curve."""
+"""Prefix of the id of every learned curve."""
 SAME_DATA = (
     "A learned curve is in the model; odds and shares say nothing of it where these "
     "are the data that it was learned from."

@@ -142,13 +142,13 @@ def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
 def _cluster_order(cosines: NDArray[np.float64]) -> list[int]:
     """Return an order with similar effects side by side (average linkage)."""
     # SciPy's hierarchical clustering takes half a second to import.
-    alike = np.clip(np.nan_to_num(cosines), 0.0, 1.0)
-    groups = [[place] for place in range(len(alike))]
+    similar = np.clip(np.nan_to_num(cosines), 0.0, 1.0)
+    groups = [[place] for place in range(len(similar))]
     while len(groups) > 1:
         pairs = combinations(groups, 2)
-        one, two = max(pairs, key=lambda pair: alike[np.ix_(*pair)].mean())
+        one, two = max(pairs, key=lambda pair: similar[np.ix_(*pair)].mean())
         sides = product((one, one[::-1]), (two, two[::-1]))
-        left, right = max(sides, key=lambda side: alike[side[0][-1], side[1][0]])
+        left, right = max(sides, key=lambda side: similar[side[0][-1], side[1][0]])
         rest = [group for group in groups if group is not one and group is not two]
         groups = [*rest, left + right]
     return groups[0]

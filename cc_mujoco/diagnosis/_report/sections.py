@@ -268,8 +268,8 @@ def _step_item(title: str, text: str) -> Html:
 def _event(event: Event) -> Html:
     lines = element("pre", "\n".join(event.declaration))
     title = "The rest is judged without it. If so, declare it in these tables:"
-    asked = paragraph(element("strong", "What happened: "), event.statement)
-    return join_pieces([asked, folded(title, lines)])
+    happened = paragraph(element("strong", "What happened: "), event.statement)
+    return join_pieces([happened, folded(title, lines)])
 
 
 def header(diagnosis: Diagnosis, picture: Html) -> Html:
@@ -519,7 +519,7 @@ def parameters(diagnosis: Diagnosis) -> Html | None:
         title = element("h3", "What the data do not determine")
         parts += [title, bullet_list(baseline.not_identifiable)]
     if diagnosis.classes:
-        title = element("h3", "Causes that look alike")
+        title = element("h3", "Causes with equal torques")
         parts += [title, bullet_list(map(class_statement, diagnosis.classes))]
     return join_pieces(parts) if parts else None
 

@@ -107,7 +107,7 @@ def tie(
 
 
 def weights_and_springs(baseline_fit: BaselineFit, size: float) -> Rivals:
-    """Return a spring of `size` [N m/rad] and a weight that pulls alike."""
+    """Return a spring of `size` [N m/rad] and a weight that pulls as much."""
     spring = {"joint_stiffness": size, "joint_stiffness_moment": 0.0}
     weight = {"gravity_sine": 1.1 * size, "gravity_cosine": 0.0}
     one = rival(baseline_fit, "joint_stiffness", spring)

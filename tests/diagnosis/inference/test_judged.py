@@ -100,7 +100,7 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
 
 
 def test_a_cable_that_stiffens_may_be_one_with_clearance() -> None:
-    """Both have one law, so the statement says what tells them apart."""
+    """Both have one law, so the statement says what distinguishes them."""
     name = "cable_stiffening"
     for rivals in ((name,), ("end_compliance", name)):
         found = outcome(rivals[:1], CLOSED, (rivals,) if len(rivals) > 1 else ())

@@ -65,8 +65,8 @@ class Plant(NamedTuple):
     anchor: float = 0.0  # compliance of the anchorage at the joint, one cable [m/N]
     textile: float = 0.0  # compliance of slack textile between cables and joint [m/N]
     gap: float = 0.0  # room of the cables across their rings [m]
+    # Relative wrap that the middle bends lose per mean tension over the reference
     opening: float = 0.0
-    """Relative wrap that the middle bends lose per mean tension over the reference."""
 
     # --- what no library should know ----------------------------------------------
     notches: float = 0.0  # force of a notched ring near the middle of cable a [N]

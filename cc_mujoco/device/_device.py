@@ -71,9 +71,6 @@ class Device(Nominal):
         or a description (`*.toml`). `timestep` is that of the physics [s], by default
         the scene's. Keys in `given` replace those of the description, for example
         `trajectory="sine"` or `axis={"safe_torque": 40.0}`.
-
-        Raises:
-            CableError: There is no such scene, or it is no device.
         """
         name, scene, table_path = locate(source)
         spec = read_spec(scene)
@@ -112,9 +109,6 @@ class Device(Nominal):
         """Make a device from a MuJoCo specification, for example one with `add_cable`.
 
         The specification is copied. `given` are keys of a description, see `Device`.
-
-        Raises:
-            CableError: It is no device.
         """
         made = cls.__new__(cls)
         made.files, made.path = (), None
@@ -126,9 +120,6 @@ class Device(Nominal):
         """Return a device with the description of this one and another scene.
 
         `scene` is the path of an MJCF file, for example of one that a diagnosis wrote.
-
-        Raises:
-            CableError: It cannot be read, or lacks a part that the description names.
         """
         path = Path(scene)
         if not path.is_file():
@@ -203,11 +194,7 @@ class Device(Nominal):
 
 
 def find_device(source: str | Path | Device) -> Device:
-    """Return the device of a name or a file; a `Device` is returned unchanged.
-
-    Raises:
-        CableError: There is no such device.
-    """
+    """Return the device of a name or a file; a `Device` is returned unchanged."""
     if isinstance(source, Device):
         return source
     if not str(source):
@@ -224,9 +211,6 @@ def load_device(
 
     For `source` and `timestep` see `Device`. `allow` has `MODULE:NAME` of the user code
     that the files of the device may import.
-
-    Raises:
-        CableError: There is no such device.
     """
     user_code.allow(allow)
     name, scene, table = locate(source)

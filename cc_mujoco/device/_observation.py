@@ -122,11 +122,7 @@ class Observed:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Observed:
-        """Return the observation that `to_dict` wrote as JSON.
-
-        Raises:
-            CableError: If fields are missing, unknown or impossible.
-        """
+        """Return the observation that `to_dict` wrote as JSON."""
         names = {field.name for field in dataclasses.fields(cls)}
         if set(fields) != names:
             raise CableError(f"what is observed must say {', '.join(sorted(names))}.")

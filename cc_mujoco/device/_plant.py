@@ -69,9 +69,6 @@ class Plant:
         """Change values of a device, which may also be given by its name or file.
 
         `values` are by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
-
-        Raises:
-            CableError: Names, values or their combination are impossible.
         """
         self.device = device if isinstance(device, Nominal) else find_device(device)
         cables = self.device.cables
@@ -266,11 +263,7 @@ class Plant:
                 )
 
     def model(self, whole: bool = False) -> mujoco.MjModel:
-        """Compile the model, without visual elements unless `whole`.
-
-        Raises:
-            CableError: The plant cannot be compiled.
-        """
+        """Compile the model, without visual elements unless `whole`."""
         return compile_spec(self.spec(whole))
 
     def spec(self, whole: bool = False) -> mujoco.MjSpec:
@@ -291,11 +284,7 @@ class Plant:
         return spec
 
     def xml(self) -> str:
-        """Return the MJCF of the scene with the values, visual elements included.
-
-        Raises:
-            CableError: The plant cannot be compiled.
-        """
+        """Return the MJCF of the scene with the values, visual elements included."""
         spec = self.spec(whole=True)
         compile_spec(spec)
         return str(spec.to_xml())

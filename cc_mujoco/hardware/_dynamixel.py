@@ -163,7 +163,11 @@ class Dynamixel:
         if not self._heard:
             self._send([(GOAL_CURRENT, b"\0\0"), (BUS_WATCHDOG, b"\0")], _WHOLE)
             return
-        writes = [(GOAL_CURRENT, self._current(torque))]
+        wanted = round(torque / self._torque_per_ampere / AMPERE)
+        given = max(-self._limit, min(wanted, self._limit))
+        # The servo ignores a goal beyond its limit and goes on with the one before.
+        self.ignored["torque beyond the servo's current limit"] += given != wanted
+        writes = [(GOAL_CURRENT, struct.pack("<h", given))]
         self._enabling.request()
         if not self._confirmed and self._enabling.status(False) is None:
             writes += (BUS_WATCHDOG, bytes([WATCHDOG_UNITS])), (TORQUE_ENABLE, b"\1")
@@ -174,13 +178,6 @@ class Dynamixel:
 
     def close(self) -> None:
         self._port.close()
-
-    def _current(self, torque: float) -> bytes:
-        wanted = round(torque / self._torque_per_ampere / AMPERE)
-        given = max(-self._limit, min(wanted, self._limit))
-        # The servo ignores a goal beyond its limit and goes on with the one before.
-        self.ignored["torque beyond the servo's current limit"] += given != wanted
-        return struct.pack("<h", given)
 
     def _send(
         self, writes: list[tuple[int, bytes]], requested: tuple[int, int] | None

@@ -290,9 +290,6 @@ def measure_axes(
     Args:
         log: Log of an episode; one of several axes is an `EpisodeLog`.
         metrics: Metrics, those of cables as `expand_cable_metrics` gives them.
-
-    Raises:
-        CableError: See `measure`.
     """
     rest, axes = list(metrics), getattr(log, "axes", ())
     each = [metric for metric in rest if axes and metric.of_axis]

@@ -25,7 +25,7 @@ class WhatIf:
     """Simulate many designs; write their table, ranking, effects and figures."""
 
     interrupted: ClassVar[str] = (
-        "designs that were finished, if any, are kept; the same command goes on"
+        "finished batches of designs, if any, are kept; the same command goes on"
     )
 
     study: tyro.conf.OmitArgPrefixes[StudySpec]

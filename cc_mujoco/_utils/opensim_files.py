@@ -115,10 +115,10 @@ def read_columns(
                     f"{len(names)} that line {top} names."
                 )
     for key, count in (("nRows", len(rows)), ("nColumns", len(names))):
-        told = facts.get(key.lower(), str(count))
-        if told != str(count):
+        stated = facts.get(key.lower(), str(count))
+        if stated != str(count):
             warnings.warn(
-                f"{path}: its header has {key}={told}, but there are {count}; all of "
+                f"{path}: its header has {key}={stated}, but there are {count}; all of "
                 "these are read.",
                 CableWarning,
                 stacklevel=4,

@@ -58,9 +58,9 @@ def plain_condition(scene: str) -> Condition:
 
 
 def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:
-    description = model.description
-    motion = joint_trajectory(description, axis_trajectories(model, None))
-    return motion, tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
+    own = model.description
+    motion = joint_trajectory(own, axis_trajectories(model, None))
+    return motion, tuple(task(axis.task, own.limbs(axis)) for axis in own.axes)
 
 
 def _other_motions(

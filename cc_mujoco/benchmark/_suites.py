@@ -191,5 +191,5 @@ def default_suite(scenes: Sequence[str]) -> str:
 def _commands_angle(scene: str) -> bool:
     if scene not in SCENES and not is_device_file(scene):
         return False
-    axes = find_device(scene).description.axes
-    return all(human.task(axis.task, (axis.limb,)).commands_angle for axis in axes)
+    own = find_device(scene).description
+    return all(human.task(a.task, own.limbs(a)).commands_angle for a in own.axes)

@@ -266,7 +266,8 @@ def controller(
         )
     model = DeviceModel.of(drive)
     drives = model.drives(model.frame_skip * float(model.model.opt.timestep))
-    tasks = [find_task(axis.task, (axis.limb,)) for axis in model.description.axes]
+    about = model.description
+    tasks = [find_task(axis.task, about.limbs(axis)) for axis in about.axes]
     each = [
         dataclasses.replace(own, commands_angle=task.commands_angle)
         for own, task in zip(drives, tasks, strict=True)
@@ -364,12 +365,14 @@ def default_controller(device: Description, task: Any = None) -> str:
     parameters, else `none`. `task` is one for all axes or a mapping by axis, see
     `human.task`; by default that of the device.
     """
+    if len(device.axes) > 1:
+        return "pi_tuned"
     axis = device.axes[0]
     if isinstance(task, str):
         task = split_by_axis(task, [axis.name])
     named = task.get(axis.name) if isinstance(task, Mapping) else task
     given = axis.task if named is None else named
-    if len(device.axes) > 1 or not find_task(given, (axis.limb,)).commands_angle:
+    if not find_task(given, (axis.limb,)).commands_angle:
         return "pi_tuned"
     fitted = device.hysteresis.get(axis.name, {})
     return "backlash_inverse" if "backlash_inverse" in fitted else "none"

@@ -254,7 +254,8 @@ def _facts(
         if isinstance(task, Mapping):
             task = task[axis.name]
         facts = plant.facts(axis)
-        facts[Key.SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
+        found_task = find_task(task, plant.description.limbs(axis))
+        facts[Key.SPRING] = isinstance(found_task, Spring)
         if axis.name in strides:
             facts[Key.GAIT_JOINT] = strides[axis.name]
             facts[Key.PACE] = pace_of(plant.values)

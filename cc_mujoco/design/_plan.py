@@ -292,7 +292,7 @@ def _make_protocol(
     for axis in home.axes:
         given, text = given_tasks[axis.name], texts[axis.name]
         if is_table(text) or not isinstance(given, (str, Path)):
-            tasks[axis.name] = find_task(given, (axis.limb,))
+            tasks[axis.name] = find_task(given, home.limbs(axis))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
     _require_played(home, variables_named, sources[0], texts)
     unheld = _unheld_reason(builder)

@@ -158,6 +158,10 @@ class Description:
             raise CableError.unknown(f"axis of device {self.scene!r}", name, named)
         return named[name]
 
+    def limbs(self, first: Axis) -> tuple[str, ...]:
+        """Return the wearer's joints at all axes, that of the axis `first` first."""
+        return tuple(dict.fromkeys(axis.limb for axis in (first, *self.axes)))
+
     def frame_skip(self, timestep: float) -> int:
         """Return the physics steps of `timestep` [s] in a period; refuse a fraction."""
         steps = round(self.period / timestep)

@@ -220,7 +220,7 @@ def read_torque(
     `joints` is read, or the one that stands behind the path, see `read_trajectory`;
     without `joints` the file must have a single column of torque.
     """
-    path, side, chosen = tables.split_selection(path)
+    path, side, chosen = recorded.split_selection(path, joints)
     names = tables.column_names(path)
     own = next((c for j, c in chosen.items() if j in joints[:1] or not joints), "")
     torque = _torque_column(path, names, joints, side, own)
@@ -316,7 +316,7 @@ def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
             `tunnel:half_width=0.1,limit=0.5`); a table of torque over phase or time (a
             `Path`, or a text with the ending of one, see `read_torque`); `MODULE:NAME`
             of a `Task` or of a function that returns one; or a task.
-        joints: Name of the joint that the torque acts on, for a table.
+        joints: Joints of a table, that on which the torque acts first.
     """
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
         return read_torque(given, joints)
@@ -331,19 +331,19 @@ def with_columns(
     read = {key: text for key, text in texts.items() if is_table(text)}
     if not read:
         raise CableError("columns and a side are of a table, and none is given.")
-    named = {column: column.partition("=")[2] for column in columns}
+    wanted = {column: column.partition("=")[2] for column in columns}
     left, found = list(columns), {}
     for key, text in read.items():
         kind = ANGLE if key == "trajectory" else TORQUE
         names = tables.column_names(path := tables.split_selection(text)[0])
-        own = [c for c in named if recorded.columns_like(named[c], names, kind)]
+        own = [c for c in wanted if recorded.columns_like(wanted[c], names, kind)]
         left = [column for column in left if column not in own]
         pieces = ";".join([f"side={side}"] * bool(side) + own)
         found[key] = f"{text}{':' if text == str(path) else ';'}{pieces}".rstrip(":;")
     if left:
         raise CableError(
             f"--column {left[0]} must be JOINT=COLUMN with a column of "
-            f"{' or '.join(read.values())}, such as {names[1]}."
+            f"{' or '.join(dict.fromkeys(read.values()))}, such as {names[-1]}."
         )
     return found
 

@@ -13,6 +13,7 @@ and `side=left` for joints that name no side, separated by semicolons.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ import numpy as np
 
 from cc_mujoco._utils import opensim_files, tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, Kind, quantity_words, unit_of
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.human._gait import SIDES
 from cc_mujoco.human._motion import Motion, Trajectory, episode_fraction, pointwise
 from cc_mujoco.native import FloatArray as Array
@@ -196,11 +197,9 @@ def read_trajectory(
     default; one of these must have a column. By default all columns of angles are read;
     one without the name of a joint, else the first, is that of the driven joint.
     """
-    path, side, chosen = tables.split_selection(path)
+    path, side, chosen = split_selection(path, joints)
     names = tables.column_names(path)
     clock = tables.quantity_column(path, names, "time_s", CLOCK)
-    for joint in chosen if joints else ():
-        look_up("joint", joint, dict.fromkeys(joints))
     picked = {j: selected_column(path, names, c, ANGLE) for j, c in chosen.items()}
     columns = _angle_columns(path, names, joints, side, picked)
     main = [joint for joint in driven or joints[:1] if joint in columns]
@@ -224,11 +223,28 @@ def read_trajectory(
     return Recorded(since, own, first, tuple(others), str(path), named, signed)
 
 
+def split_selection(
+    given: str | Path, joints: Sequence[str]
+) -> tuple[Path, str, dict[str, str]]:
+    """Split a table's text; refuse other joints, warn of a side that none needs."""
+    path, side, chosen = tables.split_selection(given)
+    for joint in chosen if joints else ():
+        look_up("joint", joint, dict.fromkeys(joints))
+    if side and all(_side_and_limb(quantity_words(j, ANGLE)[0])[0] for j in joints):
+        warnings.warn(
+            f"{path}: side={side} has no effect, as no joint lacks a side; choose "
+            "columns by JOINT=COLUMN instead.",
+            CableWarning,
+            stacklevel=4,
+        )
+    return path, side, chosen
+
+
 def columns_like(given: str, names: Sequence[str], measured: Kind) -> list[str]:
     """Return the names that are, but for unit and sign, the one that a user gives."""
-    asked = opensim_files.coordinate(given.lstrip("+-"))
-    own = quantity_words(asked, measured)[0]
-    same = [name for name in names if name == asked]
+    wanted = opensim_files.coordinate(given.lstrip("+-"))
+    own = quantity_words(wanted, measured)[0]
+    same = [name for name in names if name == wanted]
     return same or [n for n in names if quantity_words(n, measured)[0] == own]
 
 
@@ -240,7 +256,13 @@ def selected_column(
     if len(found) != 1:
         few = f"{len(found) or 'no'} columns named {given!r}"
         raise CableError(f"{path} has {few}, only {', '.join(names[:12])}.")
-    unit = unit_of(found[0], measured) or unit_of(given, measured)
+    wanted = unit_of(given, measured)
+    unit = unit_of(found[0], measured) or wanted
+    if wanted not in (None, unit):
+        raise CableError(
+            f"{path}: column {found[0]!r} is in {unit}, not in the {wanted} of "
+            f"{given!r}; name it without a unit or in {unit}."
+        )
     if unit is None:
         ways = tables.unit_names(given, measured)
         raise CableError(f"{path}: column {found[0]!r} has no unit; name it {ways}.")

@@ -81,9 +81,6 @@ class WornDevice:
             memory: True to observe the friction memory too; see `Observed.memory`.
             randomise: Ranges from which plants are drawn; see `Ranges`.
             smoothness: Reward lost by a change of the action by 1.
-
-        Raises:
-            CableError: If an argument cannot be used.
         """
         if not (wearer is None or isinstance(wearer, (Wearer, Mapping))):
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
@@ -288,9 +285,9 @@ def axis_trajectories(
     description = device.description
     chosen = description.trajectory if given is None else given
     found: list[Trajectory] = []
-    limbs = [axis.limb for axis in description.axes]
     for axis in description.axes:
         # The phase of a walk is that of the first axis.
+        limbs = description.limbs(description.axes[0])
         source = trajectory(chosen, axis.reach, axis.centre, device.ranges, limbs)
         found.append(next((one for one in found if one == source), source))
     return tuple(found)
@@ -309,7 +306,7 @@ def _axis_tasks(
     for axis, source in zip(description.axes, map(unperturbed, sources), strict=True):
         task = own.get(axis.name) if isinstance(given, Mapping) else given
         task = axis.task if task is None else task
-        found = find_task(task, (axis.limb,))
+        found = find_task(task, description.limbs(axis))
         if isinstance(task, str) and isinstance(source, Walk):
             found = scale_task(found, source.pace)
         tasks.append(found)

@@ -162,9 +162,15 @@ class Play:
             "task": task_label(device, self.task),
         }
         if self.column or self.side:
+            from cc_mujoco.device._axis_columns import split_by_axis
             from cc_mujoco.human._by_text import with_columns
 
-            names |= with_columns(names, self.column, self.side)
+            axes = [axis.name for axis in device.axes]
+            tasks = split_by_axis(names.pop("task"), axes)
+            texts = tasks if isinstance(tasks, dict) else dict.fromkeys(axes, tasks)
+            texts |= with_columns(names | texts, self.column, self.side)
+            names["trajectory"] = texts.pop("trajectory", names["trajectory"])
+            names["task"] = task_label(device, texts)
         law = self.controller or default_controller(device, self.task)
         return names | {"controller": law}
 

@@ -15,7 +15,7 @@ from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco.cli._play import Play
 from cc_mujoco.device import Plant, find_device
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.human import Recorded, task, trajectory
+from cc_mujoco.human import Recorded, TimeTorque, task, trajectory
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation import simulate
 from cc_mujoco.simulation._worn_device import WornDevice
@@ -85,15 +85,20 @@ def moments(folder: Path) -> Path:
     return write(folder / "id.sto", head, columns)
 
 
-def played(text: str | Path, joints: Sequence[str] = tuple(RANGES)) -> dict[str, Array]:
+def recorded(text: str | Path, joints: Sequence[str] = tuple(RANGES)) -> Recorded:
     motion = trajectory(text, joints={joint: RANGES[joint] for joint in joints})
     assert isinstance(motion, Recorded) and motion.times[0] == 0.0
+    return motion
+
+
+def played(text: str | Path, joints: Sequence[str] = tuple(RANGES)) -> dict[str, Array]:
+    motion = recorded(text, joints)
     found = {motion.joint: motion.angles, **dict(motion.others)}
     return {joint: np.array(angles) for joint, angles in found.items()}
 
 
 @pytest.mark.parametrize("writer", [inverse_kinematics, add_biomechanics])
-def test_three_joints_move_alike_whatever_unit_and_model(
+def test_three_joints_move_equally_whatever_unit_and_model(
     tmp_path: Path, writer: Callable[[Path], Path]
 ) -> None:
     path = writer(tmp_path)
@@ -111,11 +116,13 @@ def test_states_of_moco_are_read_from_every_form_of_its_table(
     np.testing.assert_allclose(found["ankle"], ANKLE, atol=1e-7)
 
 
-def test_what_a_file_moves_is_told_with_column_unit_and_sign(tmp_path: Path) -> None:
-    told = trajectory(add_biomechanics(tmp_path), joints=RANGES).describe()  # type: ignore[attr-defined]
-    assert "ankle by 'ankle_angle_r_rad', -0.2 to 0.2 rad, dorsiflexion posi" in told
-    assert "knee by '-knee_angle_r_rad', -1.1 to -0.1 rad, extension positive" in told
-    plain = trajectory(inverse_kinematics(tmp_path), joints=RANGES).describe()  # type: ignore[attr-defined]
+def test_what_a_file_moves_is_reported_with_column_unit_and_sign(
+    tmp_path: Path,
+) -> None:
+    turned = recorded(add_biomechanics(tmp_path)).describe()
+    assert "ankle by 'ankle_angle_r_rad', -0.2 to 0.2 rad, dorsiflexion posi" in turned
+    assert "knee by '-knee_angle_r_rad', -1.1 to -0.1 rad, extension positive" in turned
+    plain = recorded(inverse_kinematics(tmp_path)).describe()
     assert "knee by 'knee_angle_r_deg', -1.1 to -0.1 rad, extension positive" in plain
     assert plain.endswith("with the signs of the file")
 
@@ -198,18 +205,17 @@ def test_moments_are_torques_of_a_task_from_the_start_of_the_file(
 ) -> None:
     path = moments(tmp_path)
     given = task(path, ("ankle",))
-    assert given.times[0] == 0.0  # type: ignore[attr-defined]
+    assert isinstance(given, TimeTorque) and given.times[0] == 0.0
     expected = -20.0 * (1.0 + HIP)
     assert given.torque(0.0, 0.0, 0.1) == pytest.approx(expected[10], abs=1e-6)
-    told = given.describe()  # type: ignore[attr-defined]
-    assert "the torque is 'ankle_angle_r_moment_nm' of" in told
+    assert "the torque is 'ankle_angle_r_moment_nm' of" in given.describe()
     other = task(f"{path}:ankle=-ankle_angle_l_moment", ("ankle",))
     assert other.torque(0.0, 0.0, 0.1) == pytest.approx(-5.0 * HIP[10], abs=1e-6)
     left = task(f"{path}:side=left", ("ankle",))
     assert left.torque(0.0, 0.0, 0.1) == pytest.approx(5.0 * HIP[10], abs=1e-6)
 
 
-def test_a_header_that_miscounts_rows_is_told_and_all_rows_are_read(
+def test_a_header_that_miscounts_rows_is_warned_of_and_all_rows_are_read(
     tmp_path: Path,
 ) -> None:
     path = inverse_kinematics(tmp_path, rows=300)
@@ -232,6 +238,10 @@ def test_a_header_that_miscounts_rows_is_told_and_all_rows_are_read(
         (":side=up", "unknown side 'up'"),
         (":ankle", "'ankle' must be JOINT=COLUMN or side=left"),
         (":ankle=-", "'ankle=-' must be JOINT=COLUMN"),
+        (
+            ":ankle=ankle_angle_r_rad",
+            "'ankle_angle_r_deg' is in deg, not in the rad of",
+        ),
         (":ankle=pelvis_tx", "column 'pelvis_tx' has no unit; name it pelvis_tx_rad"),
     ],
 )
@@ -241,6 +251,21 @@ def test_a_choice_that_cannot_be_met_is_one_sentence(
     with pytest.raises(CableError, match=message) as caught:
         played(f"{inverse_kinematics(tmp_path)}{end}", ("ankle", "knee"))
     assert "\n" not in str(caught.value)
+
+
+def test_a_side_that_no_joint_needs_is_warned_of(tmp_path: Path) -> None:
+    motion = add_biomechanics(tmp_path, "rl")
+    how: dict[str, Any] = {"trajectory": f"{motion}:side=left", "duration": 0.02}
+    with pytest.warns(CableWarning, match="side=left has no effect, as no joint lacks"):
+        simulate("bilateral", "none", **how)
+
+
+def test_a_moment_of_no_driven_joint_is_refused(tmp_path: Path) -> None:
+    how: dict[str, Any] = {"trajectory": "sine", "duration": 0.02}
+    chosen = f"{moments(tmp_path)}:{{}}=-ankle_angle_r_moment"
+    simulate("ankle", "none", task=chosen.format("ankle"), **how)
+    with pytest.raises(CableError, match="unknown joint 'ankel': did you mean 'ankle'"):
+        simulate("ankle", "none", task=chosen.format("ankel"), **how)
 
 
 def test_markers_need_inverse_kinematics_first(tmp_path: Path) -> None:
@@ -262,6 +287,8 @@ def test_play_gives_each_table_the_columns_that_it_has(tmp_path: Path) -> None:
     assert plain["task"] == torque
     again = Play("ankle", trajectory=f"{motion}:side=left", column=chosen[:1])
     assert again._names()["trajectory"] == names["trajectory"]
+    of_axis = Play("bilateral", task=f"right_ankle={torque}", column=chosen[1:])
+    assert of_axis._names()["task"].endswith(f"right_ankle={torque}:{chosen[1]}")
     with pytest.raises(CableError, match=r"JOINT=COLUMN with a column of .*, such as"):
         Play("ankle", trajectory=motion, column=("ankle=elbow",))._names()
     with pytest.raises(CableError, match="of a table, and none is given"):

@@ -41,7 +41,7 @@ from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report import output
 from cc_mujoco.diagnosis._report.output import DiagnosisResult
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
-from cc_mujoco.diagnosis._search.search import search_effects
+from cc_mujoco.diagnosis._search.search import Found, search_effects
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Event
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
@@ -200,33 +200,48 @@ def run_inference(
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
+    found, events = _search_without_events(dataset, bench, settings, progress)
+    if isinstance(found, Diagnosis):
+        return DiagnosisResult(found, bench)
+    diagnosis, evidence = locate_error(found, judge(found))
+    diagnosis, problem, x = learn_residual(found, diagnosis)
+    progress(0.95, "writing it down")
+    baseline = found.fitted.problem
+    counts = [record.counts for record in found.problem.plant.records]
+    values = {p.name: found.estimated[p.name] for p in baseline.tuned}
+    open_ones = undetermined(baseline, found.fitted.whole.x, counts)
+    happened = tuple(sized(event, found.estimated) for event in events)
+    known = Baseline(values, open_ones)
+    diagnosis = replace(diagnosis, baseline=known, events=happened)
+    return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
+
+
+def _search_without_events(
+    dataset: Dataset, bench: Bench, settings: Options, progress: Progress
+) -> tuple[Found | Diagnosis, list[Event]]:
+    """Return the search in all data but events, or why none is made; and the events.
+
+    They are looked for in the tuned scene, and again in the model that was found.
+    """
     events: list[Event] = []
-    while True:
-        fitted = fit_scene(dataset, bench, settings, progress)
-        if isinstance(fitted, Diagnosis):
-            return DiagnosisResult(replace(fitted, events=tuple(events)), bench)
-        event, more = None, len(events) < Limit.max_events
-        if more:
-            event = find_event(fitted.problem, fitted.whole.x, dataset)
+    fitted = fit_scene(dataset, bench, settings, progress)
+    while not isinstance(fitted, Diagnosis):
+        more, found = len(events) < Limit.max_events, None
+        event = find_event(fitted.problem, fitted.whole.x, dataset) if more else None
         if event is None:
             found = search_effects(fitted, progress)
             if more and found.problem.effects:
                 event = find_event(found.problem, found.x, dataset)
-        if event is None:
-            break
-        events.append(event)
-        dataset = leave_out(dataset, event)
-    diagnosis, evidence = locate_error(found, judge(found))
-    diagnosis, problem, x = learn_residual(found, diagnosis)
-    progress(0.95, "writing it down")
-    baseline = fitted.problem
-    counts = [record.counts for record in found.problem.plant.records]
-    values = {p.name: found.estimated[p.name] for p in baseline.tuned}
-    open_ones = undetermined(baseline, fitted.whole.x, counts)
-    events = [sized(event, found.estimated) for event in events]
-    known = Baseline(values, open_ones)
-    diagnosis = replace(diagnosis, baseline=known, events=tuple(events))
-    return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
+        if event is not None:
+            rest = leave_out(dataset, event)
+            again = fit_scene(rest, bench, settings, progress)
+            if not isinstance(again, Diagnosis):
+                events.append(event)
+                dataset, fitted = rest, again
+                continue
+        # No event, or too little left without it
+        return found or search_effects(fitted, progress), events
+    return fitted, events
 
 
 def with_proposal(result: DiagnosisResult) -> DiagnosisResult:

@@ -34,7 +34,7 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._rig.simulation import TORQUE_OFFSETS, change_name
-from cc_mujoco.diagnosis._search.candidates import explained_share, screen
+from cc_mujoco.diagnosis._search.candidates import exceeds_effects
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Event
 from cc_mujoco.estimation._least_squares import Estimate
@@ -154,8 +154,8 @@ def _find_devices(
         if min(len(new), len(old)) < 2 or max(own[n] for n in old) > Limit.layout_error:
             continue
         theirs = [_ratio(other, again, _of(other, name)) for name in new]
-        alike = max(theirs) <= Limit.layout_error
-        if alike and _is_comparable(problem, tracks, new, old):
+        fits = max(theirs) <= Limit.layout_error
+        if fits and _is_comparable(problem, tracks, new, old):
             occasion, path = _occasion(dataset, new), dataset.trial(new[0]).path
             statement = (
                 f"Trials {list_words(new)} fit by themselves, and not with the others. "
@@ -486,22 +486,17 @@ class _Change(NamedTuple):
         return self.is_idle or (large and not inner)
 
     def exceeds_effects(self) -> bool:
-        """Return whether, to first order, no effect of the library takes more error."""
-        problem, x = self.problem, self.x
+        """Return whether no effect of the library takes more of the error, at first."""
+        problem, parts = self.problem, self.masks
         masks = [record.counts for record in problem.plant.records]
-        able = [n for n in problem.plant.library.effects if n not in problem.effects]
         seen = [k for k, mask in enumerate(masks) if mask.any()]
-        torques = problem.torques(x, seen)
-        slopes = problem.slopes.of(problem, x, seen, torques)
-        changes = []
-        for k, torque, slope in zip(seen, torques, slopes, strict=True):
-            signal = dict(_signals(problem, torque, slope))[self.name]
-            changes.append((signal * self.masks[k])[None])
-        own = explained_share(problem, x, masks, changes)
-        if own > Limit.sure_event_share:
-            return True
-        best = screen(problem, x, masks, able, starts=1)
-        return not best or own > best[0].explained
+        torques = problem.torques(self.x, seen)
+        slopes = problem.slopes.of(problem, self.x, seen, torques)
+        changes = [
+            (dict(_signals(problem, torque, slope))[self.name] * parts[k])[None]
+            for k, torque, slope in zip(seen, torques, slopes, strict=True)
+        ]
+        return exceeds_effects(problem, self.x, masks, changes)
 
     def rest_fit(self) -> FloatArray | None:
         """Return a fit of all else; None if it fits the part, or little is left."""

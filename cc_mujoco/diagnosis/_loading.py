@@ -91,7 +91,8 @@ def load(
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():
-        if file.facts_of(path, names).exclude:
+        facts = file.facts_of(path, names)
+        if facts.exclude:
             continue
         try:
             trial = parts.get(path, path)
@@ -107,7 +108,6 @@ def load(
             )
             findings.append(warning(message, name))
             continue
-        facts = file.facts_of(path, names)
         if not facts.occasion:
             facts = replace(facts, occasion=data_folders.occasion_of(path, folders))
         findings += _check_origin(recording, bench)

@@ -134,10 +134,11 @@ def test_a_column_that_is_not_compared_is_left_alone():
 @given(
     seed=st.integers(0, 2**31),
     start=st.integers(0, TIME.size - 200),
-    length=st.integers(8, 200),
+    length=st.integers(8, TIME.size - 300),
 )
 def test_a_stretch_without_noise_is_left_out(seed, start, length):
     torque = swing(seed)
+    length = min(length, TIME.size - start)
     # An extreme may be clipped, and a torque that leaps at a reversal freezes there.
     assume(torque.min() < torque[start] < torque.max())
     assume(abs(torque[start] - torque[start - 1]) < 1.0 if start else True)

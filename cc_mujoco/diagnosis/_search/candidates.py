@@ -228,21 +228,26 @@ class _Screen(_Place):
         return total
 
 
-def explained_share(
+def exceeds_effects(
     problem: Problem, x: FloatArray, masks: Masks, changes: Sequence[FloatArray]
-) -> float:
-    """Return the share of the squared error that the best multiple of changes takes.
+) -> bool:
+    """Return whether changes take more of the squared error than any other effect.
 
-    `changes` (1, 2, samples) [N m] are of the torques of every record with a mask.
+    `changes` (1, 2, samples) [N m], of which the best multiple counts, are of the
+    torques of every record with a mask. Effects count at their first start, and none
+    takes more than `Limit.sure_event_share`.
     """
     place = _Screen(problem, x, masks, Changes(), ())
     (made,) = fitting.residual_changes(place._steep, changes)
     own = np.append(made, np.zeros(place._priors))
     own = own - place._tangent @ (place._tangent.T @ own)
-    error, rest = place._error, place._rest
-    return float(
-        (own @ rest) ** 2 / max(float(own @ own) * float(error @ error), 1e-300)
-    )
+    whole = float(own @ own) * float(place._error @ place._error)
+    share = float(own @ place._rest) ** 2 / max(whole, 1e-300)
+    if share > Limit.sure_event_share:
+        return True
+    able = [n for n in problem.plant.library.effects if n not in problem.effects]
+    every = in_threads(lambda name: place.signature(name, 0), able)
+    return all(found is None or share > found.explained for found in every)
 
 
 def screen(

@@ -531,19 +531,19 @@ class _Change(NamedTuple):
         cause = capitalise(", or ".join(dict.fromkeys(causes)))
         gone = list(spans) if whole else [name for name, _ in others]
         occasion = _occasion(dataset, gone) if kind in CONSTANTS else ""
-        lines = []
+        valid = {}
         if not whole:
             time = dataset.trial(trial).time
             low, high = float(time[0]), float(time[-1])
             kept = [(low, min(start, high)), (max(stop, low), high)]
             known = [[round(a, 3), round(b, 3)] for a, b in kept if a < b]
-            lines.append(f"[trials.{trial!r}] valid = {known}")
-        lines += _declaration(dataset, gone, occasion)
+            valid[trial] = f"valid = {known}"
+        lines = _declaration(dataset, gone, occasion, valid)
         moment = math.nan if whole else start if math.isfinite(start) else stop
         ends = moment - self.reach, moment + self.reach
         happened = spans, dataset.trial(trial).path, round(moment, 6), ends, size
         statement = f"{where}: {change}. {cause}?"
-        return Event(kind, *happened, statement, tuple(lines), occasion)
+        return Event(kind, *happened, statement, lines, occasion)
 
     def _described(self) -> tuple[str, str, Estimate]:
         """Return kind and change in words, and the size of the change."""
@@ -605,13 +605,21 @@ _SUBJECTS = {
 
 
 def _declaration(
-    dataset: Dataset, names: Sequence[str], occasion: str
+    dataset: Dataset, names: Sequence[str], occasion: str, known: Mapping[str, str] = {}
 ) -> tuple[str, ...]:
-    """Return lines that make trials an occasion, or that leave them out."""
-    if not occasion:
-        return tuple(f"[trials.{name!r}] exclude = true" for name in names)
-    every = {t.name: occasion if t.name in names else REST for t in dataset.trials}
-    return tuple(f"[trials.{name!r}] occasion = {own!r}" for name, own in every.items())
+    """Return tables of `dataset.toml` that make trials an occasion, or exclude them.
+
+    `known` has a line by name of a trial of which a part is left out.
+    """
+    keys = {name: [line] for name, line in known.items()}
+    for trial in dataset.trials:
+        own = occasion if trial.name in names else REST
+        if occasion:
+            keys.setdefault(trial.name, []).append(f"occasion = {own!r}")
+        elif trial.name in names:
+            keys.setdefault(trial.name, []).append("exclude = true")
+    tables = ([f"[trials.{name!r}]", *lines] for name, lines in keys.items())
+    return tuple("\n".join(table) for table in tables)
 
 
 def _occasion(dataset: Dataset, names: Sequence[str]) -> str:

@@ -253,15 +253,16 @@ class Event:
     interval: tuple[float, float]  # 95 % of `time` [s]
     size: Estimate  # value over that of the rest, or value less that of the rest
     statement: str  # in words, with a question after the cause
-    declaration: tuple[str, ...]  # lines for `dataset.toml`, or what to do
+    declaration: tuple[str, ...]  # a table of `dataset.toml` for each trial
     occasion: str = ""  # under which whole trials are judged; "" if they are left out
 
     @property
     def advice(self) -> str:
         """Advice on the declaration, with its first line."""
         first, *more = self.declaration
-        others = f" and {len(more)} more lines, in verdict.json" if more else ""
-        return f"The rest is judged without; if so, declare it: {first}{others}."
+        others = f" and {len(more)} more, in the report" if more else ""
+        line = first.replace("\n", " ")
+        return f"The rest is judged without; if so, declare it: {line}{others}."
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cc_mujoco.datasets import Dataset, Trial
+from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
 from cc_mujoco.diagnosis._events import find_event, leave_out
 from cc_mujoco.diagnosis._verdict import Event
@@ -48,6 +50,13 @@ def changed(data: Dataset, change: Callable[[Trial, np.ndarray], Trial]) -> Data
     return replace(data, trials=tuple(trials))
 
 
+def declared(folder: Path, event: Event) -> DatasetFile:
+    """Return the `dataset.toml` that the event asks for."""
+    path = folder / "dataset.toml"
+    path.write_text("\n".join(event.declaration), encoding="utf-8")
+    return read_dataset_file(path)
+
+
 def noise(count: int) -> np.ndarray:
     return 0.01 * np.random.default_rng(1).standard_normal(count)
 
@@ -68,12 +77,16 @@ def gained(trial: Trial, off: np.ndarray) -> Trial:
     return replace(trial, joint_torque=joint)
 
 
+def zeroed(trial: Trial, size: np.ndarray | float) -> Trial:
+    return replace(trial, motor_angle=trial.motor_angle + size)
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "size"),
     [(silent, "silent", 0.0), (dead, "dead", 0.0), (gained, "gain", 0.8)],
 )
 def test_what_happens_in_a_trial_is_named_with_its_time(
-    change: Callable[[Trial, np.ndarray], Trial], kind: str, size: float
+    tmp_path: Path, change: Callable[[Trial, np.ndarray], Trial], kind: str, size: float
 ) -> None:
     data = changed(session(), change)
     fitted, event = found_in(data)
@@ -84,14 +97,17 @@ def test_what_happens_in_a_trial_is_named_with_its_time(
     start = float(data.trials[EVENT_TRIAL].time[0]) + WHEN
     assert event.time == pytest.approx(start, abs=0.1)
     assert event.size.value == pytest.approx(size, abs=0.02)
-    assert f"[trials.{name!r}] valid = [[" in event.declaration[0]
+    facts = declared(tmp_path, event).facts_of(Path(f"{name}.csv"))
+    ((low, high),) = facts.valid or ()
+    assert low == float(data.trials[EVENT_TRIAL].time[0])
+    assert high == pytest.approx(event.time, abs=1e-3)
     rest = leave_out(data, event)
     assert rest.trials[EVENT_TRIAL].duration == pytest.approx(WHEN, abs=0.1)
     again, other = found_in(rest)
     assert again.crossed.misfit < 1.3 and other is None
 
 
-def test_trials_of_another_cable_are_judged_as_an_occasion() -> None:
+def test_trials_of_another_cable_are_judged_as_an_occasion(tmp_path: Path) -> None:
     data = session(later={"friction": 0.09})
     settings = Options(("backlash", "viscous_friction"))
     found = run_inference(data, BENCH, settings).diagnosis
@@ -101,6 +117,33 @@ def test_trials_of_another_cable_are_judged_as_an_occasion() -> None:
     assert event.size.holds(0.09 / 0.13)
     assert "0.69" in event.statement and "oiled" in event.statement
     assert found.occasions is not None
+    file = declared(tmp_path, event)
+    occasions = [file.facts_of(Path(trial.path)).occasion for trial in data.trials]
+    assert len(set(occasions)) == 2 and all(occasions)
+    assert [own == event.occasion for own in occasions] == [
+        trial.name in event.spans for trial in data.trials
+    ]
+
+
+def test_an_encoder_that_is_zeroed_in_a_trial_divides_it_and_the_later_ones(
+    tmp_path: Path,
+) -> None:
+    data = changed(session(), lambda trial, off: zeroed(trial, 0.02 * off))
+    later = tuple(zeroed(trial, 0.02) for trial in data.trials[EVENT_TRIAL + 1 :])
+    trials = data.trials[: EVENT_TRIAL + 1] + later
+    data = replace(data, trials=trials)
+    _, event = found_in(data)
+    assert event is not None and event.kind == "joint_angle_offset"
+    assert event.size.value == pytest.approx(0.02, abs=1e-3)
+    file = declared(tmp_path, event)
+    facts = [file.facts_of(Path(trial.path)) for trial in data.trials]
+    assert [each.valid is not None for each in facts] == [
+        k == EVENT_TRIAL for k in range(len(facts))
+    ]
+    later_ones = [each.occasion == event.occasion for each in facts]
+    assert later_ones == [k > EVENT_TRIAL for k in range(len(facts))]
+    again, other = found_in(leave_out(data, event))
+    assert other is None and again.crossed.misfit < 1.3
 
 
 @pytest.mark.parametrize("hidden", [{}, {"end_compliance": 2e-5}])

@@ -560,9 +560,7 @@ _INVERSE_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _ANGLE_OFFSET, INVERSE_G
 """Places in the law's memory: 1 once started; angles of motor and joint at the start
 [rad]; direction of motion; wanted angle farthest in it, and the integral's shift of
 the stretch [rad]; the guard."""
-BAND_SIGMAS = (
-    0.34  # `InverseGains.band` times stiffness, over the torque sensor's noise
-)
+BAND_SIGMAS = 0.34  # `InverseGains.band` times stiffness over the sensor's noise
 
 
 @compiled

@@ -81,7 +81,7 @@ def diagnose(
         progress: called with the share done and the present step.
         reported: called with the diagnosis once all is written; only the trial that
             would separate a tie follows, and is added to what is written. An
-            interrupt until then leaves it out.
+            interrupt meanwhile leaves it out.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file, a

@@ -65,6 +65,25 @@ def test_nothing_is_filled_in_where_readings_are_missing(tmp_path: Path) -> None
     assert dataset.trials == () and errors(findings)
 
 
+@pytest.mark.parametrize("last", [10_000, 9_999])
+def test_a_sensor_that_fails_leaves_what_it_read_before(
+    tmp_path: Path, last: int
+) -> None:
+    """One that reads again is no such failure, and a trial of gaps is refused."""
+    columns = recording()
+    columns["joint_torque_nm"][4000:last] = np.nan
+    dataset, findings = loaded(tmp_path, columns)
+    (finding,) = (each for each in findings if "usable readings" in each.statement)
+    assert finding.channel == "joint_torque_nm"
+    if last < 10_000:
+        assert finding.severity == "error"
+    else:
+        (trial,) = dataset.trials
+        assert trial.segments == (slice(0, 4000),)
+        assert finding.severity == "doubt"
+        assert "did the sensor fail at 8 s?" in finding.statement
+
+
 def test_nothing_is_filled_in_across_gaps(tmp_path: Path) -> None:
     columns = recording()
     columns["time_s"][4000:] += 0.5

@@ -167,9 +167,8 @@ def test_a_run_in_does_not_count(sprung: tuple[BaselineFit, Rivals]) -> None:
     )
     assert not as_record(comparison.problem, locked).counts.any()
     assert comparison.expected(locked) is None
-    record, found = (
-        as_record(comparison.problem, turned), comparison.expected(turned)
-    )  # fmt: skip
+    record = as_record(comparison.problem, turned)
+    found = comparison.expected(turned)
     assert found is not None and not record.counts.all()
     assert np.all(found.left[:, ~record.counts] == 0.0)
     assert np.all(found.left[:, record.counts] != 0.0)

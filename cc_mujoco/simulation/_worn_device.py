@@ -29,6 +29,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._perturbed import unperturbed
+from cc_mujoco.human._recorded import Recorded
 from cc_mujoco.human._tasks import peak_demand, task_torque
 from cc_mujoco.simulation._reference_motion import MARKS, Author, Script
 
@@ -289,6 +290,7 @@ def axis_trajectories(
         # The phase of a walk is that of the first axis.
         limbs = description.limbs(description.axes[0])
         source = trajectory(chosen, axis.reach, axis.centre, device.ranges, limbs)
+        chosen = source if isinstance(source, Recorded) else chosen  # read once
         found.append(next((one for one in found if one == source), source))
     return tuple(found)
 

@@ -21,16 +21,6 @@ def test_no_row_and_one_row(tmp_path: Path, rows: int, sentence: str) -> None:
     assert dataset.trials == () and sentence in only_fix(findings).statement
 
 
-def test_a_sensor_that_fails_for_good_leaves_what_it_read(tmp_path: Path) -> None:
-    columns = recording()
-    columns["joint_torque_nm"][4000:] = np.nan
-    dataset, findings = loaded(tmp_path, columns)
-    assert not errors(findings)
-    (doubt,) = (each for each in findings if each.severity == "doubt")
-    assert f"fail at {columns['time_s'][4000]:.6g} s" in doubt.statement
-    assert dataset.trials[0].samples == 4000
-
-
 def test_an_excluded_trial_is_not_read(tmp_path: Path) -> None:
     write(tmp_path / "a.csv", recording(2.0))
     (tmp_path / "b.csv").write_text("")

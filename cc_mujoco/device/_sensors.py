@@ -65,11 +65,7 @@ TENSION_COLUMN = "tension_sensors_n"
 
 @dataclass(frozen=True)
 class Sensors:
-    """Tension sensors along a cable.
-
-    Raises:
-        CableError: There is no sensor, or not one positive deviation for each.
-    """
+    """Tension sensors along a cable."""
 
     nodes: tuple[int, ...]
     """Node of every sensor, 0 is the proximal end."""
@@ -98,9 +94,6 @@ class Sensors:
 
         `positions` (m,) are distances from the proximal end [m]; `deviation` is the
         standard deviation of each sensor (m,) or of all [N].
-
-        Raises:
-            CableError: A position is off the cable.
         """
         own, places = _node_places(cable), np.ravel(numbers("positions", positions))
         for position in places:
@@ -117,19 +110,12 @@ class Sensors:
         """Return a sensor at each of the n + 1 nodes of a cable.
 
         `deviation` is the standard deviation of each sensor (n + 1,) or of all [N].
-
-        Raises:
-            CableError: `cable` is no cable, or a deviation is not positive.
         """
         nodes = range(len(_node_places(cable)))
         return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
-        """Return the node indices (sensors,), after a check that `cable` has them.
-
-        Raises:
-            CableError: The cable lacks a node.
-        """
+        """Return the node indices (sensors,), after a check that `cable` has them."""
         for node in self.nodes:
             if not 0 <= node <= cable.segments:
                 raise CableError(

@@ -157,10 +157,8 @@ class Diagnose:
             folder, names = self.out / planned.folder, ", ".join(planned.trials)
             print(f"  record as {names} (`cc-mujoco run --plan {folder}`),")
             if found.occasions:
-                last = found.occasions.names[-1]
-                print(
-                    f"  put it beside the trials of {last}, replace their dataset.toml"
-                )
+                beside = f"the trials of {found.occasions.names[-1]}"
+                print(f"  put it beside {beside}, replace their dataset.toml")
                 print(f"  by that of {folder}, and run this again")
             else:
                 trials = " ".join(f"{trial}.csv" for trial in planned.trials)

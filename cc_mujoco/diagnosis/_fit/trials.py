@@ -674,11 +674,8 @@ def compare_occasions(
                 changes.append(OccasionChange(base, since, last, change, factor, words))
     sizes = []
     for effect in problem.effects:
-        indices = [
-            k
-            for k in amplitude_indices(problem, [effect])
-            if abs(x[k]) > 1e-6  # others are at a bound
-        ]
+        places = amplitude_indices(problem, [effect])
+        indices = [k for k in places if abs(x[k]) > 1e-6]  # others are at a bound
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             sizes.append(compare_size(effect, each, shared))

@@ -104,10 +104,8 @@ def motions(
     seconds, size, speed, strain, tension, tilt = settings
     motor_middle, room = middle_angle(bench, swing), half_range(bench)
     beyond = size * min(4.0 * swing, max(swing, room))
-    span, farther = (
-        f"{100.0 * size:.0f} % of the range",
-        f"{beyond / swing:.2g} times the range",
-    )
+    span = f"{100.0 * size:.0f} % of the range"
+    farther = f"{beyond / swing:.2g} times the range"
     swing, fast = swing * size, rate * min(speed, 1.0)
     (joint_middle,) = bench.carried(np.array([motor_middle]))
 
@@ -175,9 +173,8 @@ def motions(
             )
         ]
 
-    turned = (
-        f"the rig turned by {math.degrees(tilt):.0f} degrees about the joint's axis"
-    )
+    turn = f"{math.degrees(tilt):.0f} degrees"
+    turned = f"the rig turned by {turn} about the joint's axis"
     unhooked = f"cables off, motor and joint each turned slowly over {span}"
     whole = f"joint free, slow triangle over {span}"
     against = free(give * ladder)

@@ -131,11 +131,10 @@ class Earlier(NamedTuple):
         if self.proposed is not None:
             motions = self.proposed.parent.glob(MOTION_FILE.format("*"))
             trials = sorted(path.stem.replace("motion", "trial") for path in motions)
+            both = self.proposed, own or self.proposed
             facts = [
                 (file.columns, file.rig, [*map(file.facts.get, trials)])
-                for file in map(
-                    read_dataset_file, (self.proposed, own or self.proposed)
-                )
+                for file in map(read_dataset_file, both)
             ]
             if facts[0] == facts[1] and sorted(file.stem for file in files) == trials:
                 return self.proposed
@@ -250,11 +249,8 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
 
 
 SCENE_FILE, LEARNED_FILE = "scene.xml", "learned.py"
-OPTIONAL_FILES = (
-    *(SCENE_FILE, LEARNED_FILE),
-    "evidence.rrd",
-    *(f"{stem}.png" for stem in drawings.FIGURE_STEMS),
-)
+_FIGURES = [f"{stem}.png" for stem in drawings.FIGURE_STEMS]
+OPTIONAL_FILES = (SCENE_FILE, LEARNED_FILE, "evidence.rrd", *_FIGURES)
 """Files that only some verdicts have."""
 
 

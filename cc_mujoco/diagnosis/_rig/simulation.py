@@ -509,7 +509,7 @@ class SimulatedRig:
             friction = coulomb * _ratio(cable.friction, first.friction) * (1.0 + side)
             stiff = stiffness * _ratio(cable.axial_stiffness, first.axial_stiffness)
             own = cable.replace(
-                friction=max(friction, 0.0),
+                friction=terms.clamp_to_bounds("friction", friction),
                 axial_stiffness=terms.clamp_to_bounds("axial_stiffness", stiff),
                 pretension=max(tension, 0.0),
                 segments=max(self.segments, self.bench.min_cable_segments),

@@ -144,6 +144,15 @@ def test_an_occasion_that_could_show_an_effect_and_does_not_disputes_it() -> Non
     assert "June cannot show a size of 10.0" in blind.statement
 
 
+@pytest.mark.parametrize(("friction", "taken"), [(6.0, 5.0), (-1.0, 0.0)])
+def test_friction_that_a_change_takes_beyond_its_range_is_at_its_end(
+    friction: float, taken: float
+) -> None:
+    (record, *_), _ = prepare(dataset(duration=1.0), BENCH)
+    made = SimulatedRig(BENCH, (record,), 4).cables({"friction": friction}, ())
+    assert [cable.friction for cable in made] == [taken, taken]
+
+
 @pytest.mark.study
 def test_hidden_changes_are_found_beside_a_shared_effect() -> None:
     suspects = Options(("viscous_friction", "load_independent_friction"))

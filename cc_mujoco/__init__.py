@@ -13,8 +13,6 @@ measured, and `design`, `diagnosis`, `benchmark`, `hardware`, `export` and `viz`
 done with them.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 from cc_mujoco._mujoco_import import register_with_gymnasium, register_with_mujoco

@@ -6,8 +6,6 @@ without them need not wait. The entry points that MuJoCo 4 calls do the same, bu
 3 calls none.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Checks of arguments: one sentence when one is wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """Checks of the arguments of public calls, each with a one-sentence error."""
 
-from __future__ import annotations
-
 import math
 import sys
 from typing import Any, TypeVar

@@ -5,8 +5,6 @@ columns of a matrix with a row per sample are named in the notation of the langu
 `q(:,1)` and `q[:,0]` are the first. MATLAB files of version 7.3 and HDF5 need h5py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

@@ -4,8 +4,6 @@ Only the wanted columns of a large file are held in memory. For the forms of CSV
 `csv_files`.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path

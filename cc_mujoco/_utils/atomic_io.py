@@ -4,8 +4,6 @@ A folder may be written to if it holds the mark of an earlier run (a file whose 
 names its writer, defined by each subpackage), or if it is empty.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Parts that the commands share: types of options, and progress bars."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable, Iterator

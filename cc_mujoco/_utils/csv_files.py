@@ -10,8 +10,6 @@ commas unless commas separate the cells. Text is UTF-8, UTF-16 with a byte order
 or else Latin-1. Comment lines (`#`) and Excel's `sep=;` may stand above the names.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

@@ -1,7 +1,5 @@
 """Protection of objects whose memory compiled code uses: one thread at a time."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from threading import get_ident

@@ -8,8 +8,6 @@ recorded [s]. Messages of ROS 2 and in JSON are decoded. The libraries mcap and
 mcap-ros2-support are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path

@@ -8,8 +8,6 @@ here: `time_s`, `knee_angle_r_deg` if the header has `inDegrees=yes` (`_rad` for
 named by its coordinate; Moco's other states and controls keep their names.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterable

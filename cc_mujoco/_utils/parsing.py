@@ -1,7 +1,5 @@
 """TOML and JSON by Python's parsers, each with a single kind of error."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

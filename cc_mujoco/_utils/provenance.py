@@ -15,8 +15,6 @@ Not found are files that a module reads but does not declare, and modules import
 a computed name (`importlib.import_module`), unless declared.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import hashlib

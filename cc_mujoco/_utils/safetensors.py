@@ -6,8 +6,6 @@
 Nothing in a file is executed. Only arrays of 64-bit floats are supported.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

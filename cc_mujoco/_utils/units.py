@@ -6,8 +6,6 @@
 ('deg', 0.017453)
 """
 
-from __future__ import annotations
-
 import math
 import re
 from typing import NamedTuple

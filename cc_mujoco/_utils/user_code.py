@@ -13,8 +13,6 @@ Names given in a call are imported. A name read from a file goes through
     named_in_file(text, "study.json", "task")
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

@@ -4,8 +4,6 @@ Every task first compares the code of its worker with that of the client, so wor
 that join later are checked too. Those present are checked before the first piece.
 """
 
-from __future__ import annotations
-
 import asyncio
 import pickle
 import time

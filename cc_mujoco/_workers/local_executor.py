@@ -1,7 +1,5 @@
 """Running the pieces of a job on this machine, in threads or processes."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

@@ -12,8 +12,6 @@ device's score is then the mean over its axes, but an episode has failed if any 
 has.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence

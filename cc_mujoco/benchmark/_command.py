@@ -1,7 +1,5 @@
 """The command `cc-mujoco benchmark`, which compares controllers."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

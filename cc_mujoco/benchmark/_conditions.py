@@ -7,8 +7,6 @@ Everything else varies one at a time from the ordinary condition, as a full cros
 be some thousand conditions for each device.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from typing import NamedTuple

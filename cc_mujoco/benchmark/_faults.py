@@ -1,7 +1,5 @@
 """Faults of sensors and straps that begin during an episode: the suite `safety`."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

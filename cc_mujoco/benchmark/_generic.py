@@ -4,8 +4,6 @@ The ordinary condition has the trajectory and task of the device, and the sizes 
 others are scaled to these. Names are those of `v1` where they mean the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

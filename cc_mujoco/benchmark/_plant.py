@@ -14,8 +14,6 @@ description of the device: its unit torque and velocity (`Axis.units`), the reac
 motions and the moment arms of its cables.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -5,8 +5,6 @@ scene, and hysteresis parameters calibrated in a trial on the scene itself (cond
 `-stale`) or on the sampled plant (`-fitted`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ Conditions are fixed. A resample draws seeds with replacement within each set of
 that conditions share, the same seeds for all controllers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations

@@ -4,8 +4,6 @@ Tables are rows of text with Markdown in their cells: controllers are set as cod
 references emphasised.
 """
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Container, Mapping

@@ -4,8 +4,6 @@ A row is an episode: scene, condition, controller, seed, normalised error, score
 and assumed parameters. The metadata are the provenance: code, conditions, machine.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

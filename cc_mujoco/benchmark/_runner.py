@@ -4,8 +4,6 @@ Every finished cell has its files in `cells`; a later run of the same code and s
 skips it. Cells are independent, so results do not depend on where they run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """Suites of the benchmark: devices, conditions, and numbers of seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -6,8 +6,6 @@ The operating system's random numbers select the rows, which the writer of the f
 cannot predict.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import random

@@ -11,8 +11,6 @@ compliances in series, all of one sign, so nothing cancels. Substitution is by t
 displacements, so an error does not grow from segment to segment however stiff drag is.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 The laws are those of `_friction.py`, the rows of coefficients those of `_layout.py`.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path

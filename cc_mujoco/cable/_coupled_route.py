@@ -10,8 +10,6 @@ where the first cable pulls, and positive motor rotation winds that cable. If ot
 joints move the path, too, the table is over the samples of a recording, with slopes.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -22,8 +22,6 @@ A state has room for some layers of one strain each. Where there are more, the t
 neighbours become one that lose least energy by it, which counts as heat.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes

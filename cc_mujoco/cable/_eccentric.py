@@ -9,8 +9,6 @@ Both functions take the signed `gear`, whose magnitude is r0 [m], and the `lengt
 q that a round pulley winds up [m].
 """
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.cable._friction import PLACE

@@ -23,8 +23,6 @@ upper one. So a cycle from 0 to any tension and back loses `loss` times the work
 loading, and after a turn the spring is three times as stiff as before it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

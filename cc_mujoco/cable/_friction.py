@@ -13,8 +13,6 @@ its tensions exceeds `H` times the other plus B. The solvers see only E, H, B an
 a new term needs only its share in the functions below.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from types import SimpleNamespace

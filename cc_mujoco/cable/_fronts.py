@@ -18,8 +18,6 @@ it does while coefficients are constant. It says so when it fails, and
 `_graph.py`, which presumes nothing, takes over.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from cc_mujoco.native import FloatArray, compiled, internal

@@ -24,8 +24,6 @@ and both ends are driven by position, `_fronts.py` gives the same answer faster.
 the segment of a null point is found, not the point within it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains

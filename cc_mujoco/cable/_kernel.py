@@ -16,8 +16,6 @@ cable between the centres of the adjacent segments, so that the sum of T_i h_i /
 the stretch of the cable at all times.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco.cable import _drum as drum

@@ -28,8 +28,6 @@ State vector:
                        times `clearance_factors`, where they count, see `rest_wrap`
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from cc_mujoco.cable._cable import PARAMETERS

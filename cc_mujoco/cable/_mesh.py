@@ -20,8 +20,6 @@ segment, so that half as long a segment makes an end twice as stiff
 (`_nodes.end_stiffness`) and reduces the longest stable time step by sqrt(2).
 """
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal

@@ -26,8 +26,6 @@ node of another strain loses the difference between its energy and the work that
 does.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes

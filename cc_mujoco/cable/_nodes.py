@@ -5,8 +5,6 @@ the ends are part of the first and the last. Packed parameters and state are tho
 `_layout.py`.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._friction import PLACE

@@ -6,8 +6,6 @@ compliance between two tensions, for the graph, which may pass through slack, fr
 stretch.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes

@@ -34,8 +34,6 @@ last site has the tendon as transmission of its actuator; MuJoCo then applies th
 force along the whole tendon, which is subtracted.
 """
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.cable import _layout as at

@@ -3,8 +3,6 @@
 `_layout.py` defines their layout.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes

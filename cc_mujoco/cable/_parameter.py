@@ -11,8 +11,6 @@ of the kernel, the terms that estimators refuse, and the table in the documentat
 Variables of designs, effects and fits are described in the same way.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

@@ -16,8 +16,6 @@ is needed:
   along in proportion.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

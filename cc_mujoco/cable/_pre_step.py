@@ -4,8 +4,6 @@ Bends change and redistribute its clearance, its stress relaxes, its conduit sli
 clamps, its path lengthens, and what holds its ends yields.
 """
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.cable import _drum as drum

@@ -18,8 +18,6 @@ random cables. Correcting the choices of the maximum until they settle before ea
 correction of those of the minimum cannot (Hoffman and Karp 1966).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco.cable import _chain_solve as chains

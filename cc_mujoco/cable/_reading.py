@@ -1,7 +1,5 @@
 """State of a cable, read from the kernel states of any number of simulations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

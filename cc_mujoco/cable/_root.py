@@ -12,8 +12,6 @@ that both close in: M. Dowell and P. Jarratt, "A modified regula falsi method", 
 1971.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

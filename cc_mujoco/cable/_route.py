@@ -1,7 +1,5 @@
 """Route of a cable along a MuJoCo tendon, and its packed parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

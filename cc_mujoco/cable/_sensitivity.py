@@ -14,8 +14,6 @@ driven by torque is that of the plain replay; two more steps give the derivative
 angle at which the torque stays as given (implicit function theorem).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@ force, C T where h is 0. In MJCF the key `end_compliance` takes the loading curv
 as words `extension:force`, and `fit_curve` gives its spring to plugin and Python alike.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ cable. A cable's displacement is positive from the motor to the joint, so the ar
 motor is negative for a cable that positive rotation draws in.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

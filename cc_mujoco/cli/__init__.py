@@ -12,8 +12,6 @@ terminated, 141 the reader of a pipe closed it. Files that an interrupted or fai
 has not completed are removed, except measurements of a rig. Files of earlier runs stay.
 """
 
-from __future__ import annotations
-
 import _thread
 import contextlib
 import errno
@@ -142,7 +140,7 @@ def _handle_signals(interrupts: list[int]) -> Iterator[None]:
         interrupts.append(number)
         signal.default_int_handler(number, frame)
 
-    def unraisable(lost: sys.UnraisableHookArgs, /) -> None:
+    def unraisable(lost: "sys.UnraisableHookArgs", /) -> None:
         nonlocal inside
         if interrupts and issubclass(lost.exc_type, KeyboardInterrupt):
             # A little later, when the callback has returned.

@@ -1,7 +1,5 @@
 """Parsing of the command line into a command with its options."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """`cc-mujoco tendons`: bends of a model's tendons, and the friction there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`cc-mujoco view`: a scene in MuJoCo's viewer, with sliders for its controls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from cc_mujoco._utils.command_options import Scene

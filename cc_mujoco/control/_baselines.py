@@ -3,8 +3,6 @@ r"""Controllers of the joint torque by the stiffness of the cables and a known m
 law = BacklashInverse(env.unwrapped.drive)
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

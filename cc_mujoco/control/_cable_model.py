@@ -19,8 +19,6 @@ the factor \(e^{\mu \phi}\), and its stretch is that of its tension at the joint
 mean factor: `full_slip_balance`. Between the two directions lies the backlash.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Normal equations of the active unknowns, compiled."""
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.native import FloatArray, FloatMatrix, internal

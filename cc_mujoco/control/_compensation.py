@@ -11,8 +11,6 @@ push is slack instead. One that is slack at the motor, and pulls since its drag 
 from being paid out, keeps the tension that it has.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -14,8 +14,6 @@ episodes and exported C run; see `_law_steps` for memory, parameters and shape. 
 computed from rotor, cables and delay are in tables, which no parameter changes.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -17,8 +17,6 @@ at rest whatever the error of R is: both torques pass through the same matrix. R
 friction: a cable that rubs between two joints pulls them unequally.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@
 150
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -36,8 +36,6 @@ torque of v sqrt(k J) beyond the measured one, at a speed v relative to the join
 inertia J of the rotor. So a joint is also released if that would be unsafe.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

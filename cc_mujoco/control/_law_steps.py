@@ -12,8 +12,6 @@ of sections of each. `tables` are numbers of the controller that no parameter ch
 scalars and its sections. Memory is numbers only.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

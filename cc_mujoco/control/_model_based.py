@@ -8,8 +8,6 @@
 >>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, cables=pair))
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -8,8 +8,6 @@ does where fibres or a liner give way, instead of at once. The value of that tra
 matters little.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from cc_mujoco.cable import _stepper as stepper

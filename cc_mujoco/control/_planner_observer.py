@@ -7,8 +7,6 @@ Friction and the bias of the torque sensor are learned from the torque on the ro
 the model does not explain.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco.cable import _friction as law

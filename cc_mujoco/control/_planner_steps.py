@@ -14,8 +14,6 @@ with a reading. The memory continues with the number of steps since the last rea
 scratch, and the friction estimate of every cable.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

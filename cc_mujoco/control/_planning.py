@@ -8,8 +8,6 @@ Bertsekas, "Projected Newton methods for optimization problems with simple const
 SIAM J. Control and Optimization 20, 1982.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -13,8 +13,6 @@ policy is. The definition of the observation, which the graph does not contain, 
 the metadata `cc_mujoco` as JSON; `Observed` says how to form it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -19,8 +19,6 @@ Angles alone determine no force: a spring, a rope and a pretension that are all 
 strong move alike. So the axial stiffness stays that of the data sheet.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from abc import abstractmethod

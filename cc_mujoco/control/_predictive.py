@@ -3,8 +3,6 @@
 law = PredictiveCompensation(env.unwrapped.drive)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import chain

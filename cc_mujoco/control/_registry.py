@@ -15,8 +15,6 @@ function with the attribute `ALL_AXES = True` is called with the drives of all a
 controller sees all columns and returns the torques of all motors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect

@@ -1,7 +1,5 @@
 """Rollout of cables moved at both ends, to test candidate commands."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Controllers that use tension sensors along the cables (thesis Fig. 4.1, 3.2)."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

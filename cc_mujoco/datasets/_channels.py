@@ -4,8 +4,6 @@ A channel has the name of its column, which ends in the unit: `motor_angle_rad`.
 may hold it in another unit under that unit's name: `motor_angle_deg`.
 """
 
-from __future__ import annotations
-
 import re
 
 from cc_mujoco._utils.units import ANGLE as ANGLE

@@ -4,8 +4,6 @@ A column in a struct, group, topic or file of a trial may be called by its last 
 alone (`motor_angle_deg` for `data.motor_angle_deg`) if only one column has that name.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Collection, Sequence

@@ -1,7 +1,5 @@
 """Findings about the data: one sentence each."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Literal, NamedTuple
 

@@ -3,8 +3,6 @@
 `dataset.toml` beside this module is an example with every key.
 """
 
-from __future__ import annotations
-
 import fnmatch
 import hashlib
 import math

@@ -1,7 +1,5 @@
 """Search for the files of trials in folders, and names of the trials."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

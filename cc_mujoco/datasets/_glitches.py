@@ -4,8 +4,6 @@ Bits are lost on a bus, a sensor resets, a driver repeats its last message. A fi
 least squares would follow a few such readings rather than the thousands beside them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ length depends on one hinge joint only. As the arm varies with the angle, the ca
 a round pulley that turns by a nonlinear function of the joint's angle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ any other time. In slow creep only the jumps inform: simulated as steps of the a
 they would shake a cable that sticks.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

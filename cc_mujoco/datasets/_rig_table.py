@@ -1,7 +1,5 @@
 """Table `[rig]` of a `dataset.toml`: known constants of the rig and yes/no facts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Run record that `cc-mujoco run` writes next to the rows of a run."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 Before measured and simulated angles are compared, both must pass the same filter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -6,8 +6,6 @@ there, but a diagnosis simulates those of one axis. The torque of the others fol
 from their measured tensions along the paths of the scene, and is subtracted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

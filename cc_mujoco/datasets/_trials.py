@@ -11,8 +11,6 @@ puts into its pulley, the joint torque what the transmission puts into the joint
 power less joint power is stored or dissipated, and over a closed cycle never negative.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple

@@ -11,8 +11,6 @@ figures, to be replaced. A line for a motor of `MOTORS` or a material of `MATERI
 takes precedence over that of `motor` or `rope`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

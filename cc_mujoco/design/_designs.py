@@ -8,8 +8,6 @@ A range is written `low:high:count`, or `low:high:count:log` for equal ratios; v
 are separated by commas. Samples and searches need no count.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import Counter

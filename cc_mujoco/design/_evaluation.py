@@ -8,8 +8,6 @@ Besides the episode of the protocol, metrics may need these tests:
 - `bandwidth`: the joint is held, and the desired torque is a chirp.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

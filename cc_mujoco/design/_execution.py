@@ -10,8 +10,6 @@ tree-structured Parzen estimator (Y. Ozaki et al., "Multiobjective tree-structur
 Parzen estimator", Journal of Artificial Intelligence Research 73, 2022).
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math

@@ -15,8 +15,6 @@ metric depends on the step more than on the design. No single step of a simulati
 that.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

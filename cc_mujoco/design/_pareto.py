@@ -1,7 +1,5 @@
 """Selection of the best designs: objectives, limits, Pareto set, ranking."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -8,8 +8,6 @@ over the axes, or its least if more is better. `AXIS.NAME` is that of one axis. 
 without a number for one axis has none for `NAME`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

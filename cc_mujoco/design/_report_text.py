@@ -1,7 +1,5 @@
 """Texts and tables of a study's report page, section by section, without figures."""
 
-from __future__ import annotations
-
 import math
 import re
 import shlex

@@ -6,8 +6,6 @@ replaces the parts. Tables and parts carry the provenance of their code (`identi
 results of other code are not mixed with this study's.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

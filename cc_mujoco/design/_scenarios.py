@@ -8,8 +8,6 @@ A case changes variables of the scene, or the wearer's stiffness, in addition to
 design. Controllers are made anew for the plant of every case.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Designs of a finished study, simulated again by `show` and `write_comparison`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple

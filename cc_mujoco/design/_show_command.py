@@ -1,7 +1,5 @@
 """`cc-mujoco whatif-show`: simulate a design of a study again, with a recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

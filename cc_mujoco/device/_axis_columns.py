@@ -4,8 +4,6 @@ column_prefixes(["hip", "ankle"])           # ("hip.", "ankle.")
 column_prefixes(["knee"])                   # ("",)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ A property that neither the scene nor the description file gives takes the defau
 stated here.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import warnings

@@ -16,8 +16,6 @@
 Every key is optional; `_derivation` derives or assumes those that are missing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -9,8 +9,6 @@ A command thus refuses a misspelt name before anything is compiled. Beside a sce
     slope_up = 1.58
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Drive of a device as its controller knows it: motor, ratio, cables, sensors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -12,8 +12,6 @@ would make \(\tau / \lambda\) on that pulley. In these coordinates every device 
 a round pulley.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Container, Sequence
 from typing import Any, NamedTuple
 

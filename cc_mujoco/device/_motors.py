@@ -5,8 +5,6 @@
 Torque and inertia are those of the rotor, before a gear.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ disc of constant width, so that its inertia grows with radius^4; on a pulley of 
 cables each contributes half. A lever keeps its inertia.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ print(account(device))
 write_description(device, "knee.device.toml")
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator

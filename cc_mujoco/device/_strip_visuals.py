@@ -5,8 +5,6 @@ half the time of a step. Without them a simulation gives the same bits where the
 states its inertias, else the same numbers within rounding.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable

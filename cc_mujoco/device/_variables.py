@@ -5,8 +5,6 @@ pulleys, the motor, the rope, the wearer and the sensors. `CABLE.NAME` is a vari
 one cable alone (`flexor.friction`), `AXIS.NAME` one of all cables of an axis.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

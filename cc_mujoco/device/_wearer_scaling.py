@@ -6,8 +6,6 @@
 Designs that set none of them leave the walk of the scene unchanged, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 

@@ -6,8 +6,6 @@ next ones need; the last three complete the diagnosis of `judge`. The report is 
 before a trial is proposed, and again with it.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence

@@ -5,8 +5,6 @@ a clamp that slips or a sensor that freezes begins at a moment, so it is no effe
 the library and hardly shows in the error of all data: `worst_stretch` looks for it.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

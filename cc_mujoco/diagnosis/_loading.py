@@ -6,8 +6,6 @@
 ...     print(finding.severity, finding.statement)
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping

@@ -12,8 +12,6 @@ the stretches and tested on the other; chance is the share with the error shifte
 time against the axis, which keeps the autocorrelation of both.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Words and numbers of the report: names of verdicts, effects, channels, intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 

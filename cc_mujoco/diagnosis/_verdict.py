@@ -1,7 +1,5 @@
 """Verdict of a diagnosis, the contract of `verdict.json`, and data of the report."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -14,8 +14,6 @@ The logarithms of the parameters are fitted by least squares on the simulated ou
 (`_least_squares`), from several start values.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence

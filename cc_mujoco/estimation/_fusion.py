@@ -25,8 +25,6 @@ Where the direction of slip changes, it does so inside a segment, whose ratio is
 between the two. The error is at most the ratio of that one segment.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np

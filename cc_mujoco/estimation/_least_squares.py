@@ -11,8 +11,6 @@ differences over steps that are large enough to cross many pieces.
     estimate(free[0], found.x[0], spread[0]).ci95
 """
 
-from __future__ import annotations
-
 import math
 import os
 import threading

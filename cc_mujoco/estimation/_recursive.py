@@ -19,8 +19,6 @@ constant rate of given standard deviation. The estimate lags by the drift over `
 samples.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco._utils.arguments import MAX_FORCE, numbers

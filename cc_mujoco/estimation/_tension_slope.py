@@ -21,8 +21,6 @@ scene, which the deviation does not include.) A sensor whose tension is below fo
 its noise is left out too.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Samples of sensors on a cable, checked one by one, and rows of recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

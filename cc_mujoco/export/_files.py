@@ -1,7 +1,5 @@
 """The folder of an exported controller in C, written whole or not at all."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence

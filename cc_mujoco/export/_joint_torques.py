@@ -10,8 +10,6 @@ for each its joint, its axis and its index among the readings. `tables` are rati
 and greatest torque of every motor, then safe torque and scale of every joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

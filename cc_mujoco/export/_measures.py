@@ -5,8 +5,6 @@ The work is counted: an instrumented build gets noisy readings of a joint that s
 stops and turns, and counts the basic blocks that each step executes.
 """
 
-from __future__ import annotations
-
 import functools
 import platform
 import re

@@ -11,8 +11,6 @@ device does not have. The sensors are those of the device, with noise and delay.
 device with several axes one is tested, while the others rest.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

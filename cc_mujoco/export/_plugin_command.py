@@ -1,7 +1,5 @@
 """`cc-mujoco plugin`: the engine plugin as a shared library."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@
 The library registers the plugin when it is loaded.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

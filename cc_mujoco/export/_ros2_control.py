@@ -5,8 +5,6 @@ The tests compile and run it against stand-ins for the headers of ROS; it was ne
 built with ROS nor tried on hardware.
 """
 
-from __future__ import annotations
-
 from cc_mujoco.errors import CableError
 from cc_mujoco.export._controllers import ExportPlan
 from cc_mujoco.export._templates import fill

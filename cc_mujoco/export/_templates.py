@@ -1,7 +1,5 @@
 """Template files, with placeholders for the numbers and names of a controller."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from string import Template
 

@@ -26,8 +26,6 @@ Source: ODrive documentation, "CAN Protocol"
 as in firmware 0.5 and 0.6.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time

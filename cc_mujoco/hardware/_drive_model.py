@@ -1,7 +1,5 @@
 """Model of a rig that its controller has: the device, an axis of it, its drive."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

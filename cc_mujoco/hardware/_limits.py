@@ -1,7 +1,5 @@
 """Limits of a run, and the limiter that keeps the motor's torque within them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

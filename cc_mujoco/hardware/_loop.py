@@ -7,8 +7,6 @@ At the end of a run, for whatever reason, the torque ramps to zero and the rig i
 Clock and rig are arguments, so that a test can run in simulated time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import select

@@ -8,8 +8,6 @@ and the CRC-32 (of zlib) of all bytes before it, without padding. The README of 
 package has a table with offsets.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from enum import IntFlag

@@ -7,8 +7,6 @@ motor angle and joint torque with the model of the scene, as in controllers. Ang
 torques and times are those that were measured.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ None of the drives was tried on hardware: tests use simulated peers, written fro
 documents that the modules name.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import socket

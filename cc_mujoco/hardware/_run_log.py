@@ -6,8 +6,6 @@ episode log (`cc_mujoco.simulation._log_columns`) as far as a rig measures them,
 `cc-mujoco diagnose` can read it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

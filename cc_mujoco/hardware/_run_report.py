@@ -1,7 +1,5 @@
 """Report page of a run: one sentence, a figure, the next command."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import tempfile

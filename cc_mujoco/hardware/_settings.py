@@ -6,8 +6,6 @@
 `rig.toml` beside this module is an example with every key.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """Faults that stop a run: sensors lost, implausible or frozen, and missed deadlines."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -22,8 +22,6 @@ read_torque("torque.csv", ("knee",))    # or knee_torque_nm, knee_angle_moment_n
 read_torque("id.sto", ("knee_r",))      # knee_angle_r_moment
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -16,8 +16,6 @@ hip. Numbers are interpolated between the classes as powers of the speed, and
 extrapolated to 0.06 m/s below the slowest.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

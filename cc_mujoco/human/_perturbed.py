@@ -1,7 +1,5 @@
 """Trajectories with an angle added: bumps at random times, or a tremor."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 

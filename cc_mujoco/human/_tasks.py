@@ -9,8 +9,6 @@ torque that the device should put into the joint [N m], in the joint's own direc
 works elementwise on scalars and arrays and gives the same bits for both.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Legs of the walking scene in MuJoCo: sensed states, muscles and starting pose."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

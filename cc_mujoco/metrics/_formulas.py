@@ -3,8 +3,6 @@
 Some are of tests with the joint held: a slow swing of the torque, and a chirp.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

@@ -7,8 +7,6 @@
 A value that an episode does not define is NaN.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Native core: decorators and types of functions that are compiled by way of C."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,6 @@ translated with it. Arithmetic keeps its order, so that C, compiled without cont
 gives the bits of Python. Code outside the subset is an error with file and line.
 """
 
-from __future__ import annotations
-
 import ast
 import ctypes
 import math

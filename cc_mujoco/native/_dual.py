@@ -7,8 +7,6 @@ A number in C is then a value and its derivative by one parameter (`dual.h`). Va
 alone decide where control goes, so they have the bits of the plain code.
 """
 
-from __future__ import annotations
-
 import ast
 import platform
 import types

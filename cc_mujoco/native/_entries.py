@@ -1,7 +1,5 @@
 """Entry points in C for Python, and how `python_calls.h` reads their arguments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path

@@ -5,8 +5,6 @@ answer is compiled in: entries of `prm` and `values` with a known value are repl
 it, and branches that it decides are removed. The order of all other operations stays.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import operator

@@ -5,8 +5,6 @@ The statements that remain are an assignment to one target, or of a call to seve
 names, `if`, `while`, `for` over a range, `return`, `break`, `continue` and a call.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import types

@@ -4,8 +4,6 @@ It is in this package, as in a wheel, or in a cache folder of the user. Its name
 digest of the syntax trees that it was made from, so a changed comment compiles nothing.
 """
 
-from __future__ import annotations
-
 import ast
 import ctypes
 import gc

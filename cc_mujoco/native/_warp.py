@@ -7,16 +7,15 @@ The physics is written once, for C. Arithmetic keeps its order, so that in float
 give the same bits unless a step calls exp, log or pow.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 import types
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.native._fold import Known, is_number
 from cc_mujoco.native._front import ReadFunction, Writer, name_of, read
@@ -29,9 +28,9 @@ _BUILTINS: dict[Any, str] = {
     math.sin: "wp.sin", math.isfinite: "wp.isfinite", math.expm1: "expm1",
     math.log1p: "log1p", math.atan2: "wp.atan2",
 }  # fmt: skip
-_ANNOTATIONS = {
-    "FloatArray": "wp.array(dtype=Real)", "float": "Real", "int": "wp.int32",
-    "bool": "wp.bool",
+_TYPES: dict[Any, str] = {
+    NDArray[np.float64]: "wp.array(dtype=Real)", float: "Real", int: "wp.int32",
+    bool: "wp.bool",
 }  # fmt: skip
 
 
@@ -76,8 +75,8 @@ class _Library:
         records = [
             f"@wp.struct\nclass {name}:\n"
             + "".join(
-                f"    {field}: {_ANNOTATIONS[getattr(hint, '__forward_arg__', hint)]}\n"
-                for field, hint in record.__annotations__.items()
+                f"    {field}: {_TYPES[hint]}\n"
+                for field, hint in get_type_hints(record).items()
             )
             for name, record in self._records.items()
         ]
@@ -136,12 +135,12 @@ class _WarpWriter(Writer):
 
     def _annotation(self, argument: ast.arg) -> str:
         assert argument.annotation is not None
-        written = ast.unparse(argument.annotation)
-        if written in _ANNOTATIONS:
-            return _ANNOTATIONS[written]
         found = self.scope.lookup(argument.annotation)
+        if found in _TYPES:
+            return _TYPES[found]
         if _is_record(found):
             return self._library.record(found)
+        written = ast.unparse(argument.annotation)
         raise self.source.refusal(argument, f"an argument of the type `{written}`")
 
     def block(self, body: list[ast.stmt]) -> None:

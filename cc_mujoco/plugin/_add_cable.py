@@ -18,8 +18,6 @@
 ['extensor_motor', 'extensor_proximal', 'extensor_distal']
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

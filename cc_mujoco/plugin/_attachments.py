@@ -4,8 +4,6 @@ The first actuator of an instance (in the order of the model) is the proximal en
 second the distal end.
 """
 
-from __future__ import annotations
-
 import math
 
 import mujoco

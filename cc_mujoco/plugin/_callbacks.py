@@ -25,8 +25,6 @@ and is what `advance` commits. The later ones are half, half and one step furthe
 they are evaluated from the state after the first stage, which the block keeps.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mujoco import mjtDisableBit, mjtEnableBit
 from mujoco.introspect.enums import ENUMS

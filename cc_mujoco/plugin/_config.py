@@ -6,8 +6,6 @@ absent key and an empty value look the same; so the keys without which a cable h
 meaning, `REQUIRED`, must be given, and an empty one is refused with them.
 """
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """MuJoCo's library in this process, and the name of the plugin in it."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 import threading

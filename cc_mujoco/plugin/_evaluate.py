@@ -1,7 +1,5 @@
 """One evaluation of a cable from its committed state, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 from mujoco import mjtIntegrator
 

@@ -59,8 +59,6 @@ the tension (`tests/plugin/test_implicit_ends.py`); with backward Euler in all s
 16 %, with explicit ends by 6 %, which give out more energy.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

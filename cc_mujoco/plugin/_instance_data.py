@@ -3,8 +3,6 @@
 It is made when MuJoCo initialises a simulation and freed with it.
 """
 
-from __future__ import annotations
-
 import ctypes
 from typing import Annotated, Any
 

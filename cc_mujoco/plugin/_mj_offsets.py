@@ -6,8 +6,6 @@ it with the addresses that the Python bindings report and refuses a MuJoCo where
 differ, so a wrong offset is an import error and never a stray write.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import operator

@@ -13,8 +13,6 @@
 True
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The native library in C99, written from the functions of the whole package."""
 
-from __future__ import annotations
-
 import ctypes
 import operator
 import re

@@ -5,8 +5,6 @@ touches and leaves a geom that it wraps. What an open path is and does is in
 `cable/_open_path.py`; here it is read and its forces applied.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

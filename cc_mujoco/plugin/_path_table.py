@@ -8,8 +8,6 @@ in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo. 
 joints move as well, `compute_recorded_path` has a row for every pose.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

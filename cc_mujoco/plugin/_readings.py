@@ -9,8 +9,6 @@ MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
 RK4 `data.actuator_force` is that of the last stage.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any
 

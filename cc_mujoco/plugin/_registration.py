@@ -1,7 +1,5 @@
 """Registration of the engine plugin with MuJoCo."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

@@ -1,7 +1,5 @@
 """Compiled update of a cable's segments by the path of its tendon, for callbacks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cc_mujoco.cable import _kernel as kernel

@@ -5,8 +5,6 @@ settle(model, data)  # rope="keep" for a state of the same machine
 step_limits(model, data)["flexor"].distal  # [s]
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

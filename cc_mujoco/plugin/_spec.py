@@ -1,7 +1,5 @@
 """Changes to a specification: elements without defaults, errors in one sentence."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence

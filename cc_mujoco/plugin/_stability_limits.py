@@ -18,8 +18,6 @@ of which the largest is no less than w, and is w where the ends move one joint e
 Under RK4 the step may be longer by up to sqrt(2).
 """
 
-from __future__ import annotations
-
 import math
 
 from cc_mujoco.cable import _kernel as kernel

@@ -5,8 +5,6 @@ of them together from one end of their ranges to the other, and random ones. The
 model gives the same poses each time.
 """
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Messages to users about a cable: refusals of open paths, and one-time warnings."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

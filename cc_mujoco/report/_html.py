@@ -3,8 +3,6 @@
 Functions escape plain text. They return `Html`, which other functions do not escape.
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence

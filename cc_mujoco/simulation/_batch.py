@@ -9,8 +9,6 @@ Results of a device are bit-identical to those of its environment played alone, 
 the other devices of the batch and the number of threads.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Sequence
 from typing import Protocol

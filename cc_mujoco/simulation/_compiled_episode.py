@@ -10,8 +10,6 @@ that acted in it, as an environment reads them at a control step. The formulas a
 of `human._tasks` and `control._law_steps`; this module only passes their arguments.
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Sentences for the user on an episode that was unsafe, unstable, guarded or slack."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

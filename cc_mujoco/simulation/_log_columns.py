@@ -4,8 +4,6 @@ They hold true values, not the measurements of a controller (`device._sensors`).
 dictionary `info` of an environment has exactly these keys, so the table documents both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product

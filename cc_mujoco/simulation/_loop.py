@@ -11,8 +11,6 @@ torque, and the plant advances. Recorded episodes, cells of the benchmark and ba
 designs differ in their plants and observers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """Scripts: the wearer's motion in an episode, computed before it begins."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import warnings

@@ -4,8 +4,6 @@ If task and controller are compiled, they run inside MuJoCo's steps, with result
 bit-identical to those of the loop in Python.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ Arithmetic is in single precision. An episode starts from MuJoCo's state, rounde
 plants, scripts and sensors are those of `_batch.Simulations`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

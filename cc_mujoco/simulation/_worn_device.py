@@ -1,7 +1,5 @@
 """A device with its wearer, trajectory and task, the setting of an episode."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import itertools

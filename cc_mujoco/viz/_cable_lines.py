@@ -10,8 +10,6 @@ one end of the cable to the other. The rope of an end is the tendon that the end
 actuator pulls, or one that begins where the conduit ends.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

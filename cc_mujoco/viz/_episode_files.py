@@ -1,7 +1,5 @@
 """Files of an episode: log, metrics, figure, Rerun recording, video and web page."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

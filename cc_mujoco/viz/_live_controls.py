@@ -8,8 +8,6 @@ Friction changes at once, pretension at the next start. Controllers are not info
 either: their model keeps the values of the scene.
 """
 
-from __future__ import annotations
-
 import math
 import textwrap
 import time as wall

@@ -1,7 +1,5 @@
 """Time-series plots of a Rerun recording: axis limits, and room for their legends."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

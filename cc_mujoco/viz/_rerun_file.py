@@ -4,8 +4,6 @@ No display is needed to write it. `rerun recording.rrd` opens it. The recording 
 digest of the log, so equal logs give equal recordings.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Opening layout of the Rerun recording of an episode: its scene, lines and plots."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ transform per frame, from `mj_kinematics` at the recorded `qpos`, so a log needs
 poses. Spatial tendons that are not coloured as cables are plain lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

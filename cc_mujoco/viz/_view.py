@@ -6,8 +6,6 @@ The viewer's panel *Control* has the actuators of the scene, and factors on fric
 pretension of its cables; cables are coloured by tension.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

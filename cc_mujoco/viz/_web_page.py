@@ -6,8 +6,6 @@ It shows the scene in 3-D and plots of torques, angles and tensions at the same 
 is drawn by plotly.js, which is inside the page (`pip install 'cc_mujoco[html]'`).
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -5,8 +5,6 @@ no model can explain. The part of a difference that is proportional to that of t
 angles is another input of the model, and is removed before.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple

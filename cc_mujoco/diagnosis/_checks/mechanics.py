@@ -18,8 +18,6 @@ are swapped: if both pulleys are equal nothing else shows it. A torque that foll
 lead after a time is late by that time.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import defaultdict

@@ -4,8 +4,6 @@ Checks of a recording use all rows as recorded; checks of a trial use its valid
 stretches, with declared units, signs, offsets and delays applied.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -13,8 +13,6 @@ The baseline, the model without effects, has every uncertain parameter of the sc
 free. It is fitted first, by a simulation as fine as the noise floor requires.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

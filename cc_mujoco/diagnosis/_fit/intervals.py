@@ -14,8 +14,6 @@ there the residuals show the size of such errors, as negative controls measure a
 (Schuemie et al., Stat. Med. 33, 2014).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

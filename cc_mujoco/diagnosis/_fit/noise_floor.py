@@ -11,8 +11,6 @@ during slow creep and rests would seem small. It keeps the ripple of rounded dig
 which would count twice. A likely motion has the movements back, and no ripple.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

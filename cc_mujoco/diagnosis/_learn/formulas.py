@@ -1,7 +1,5 @@
 """Formulas that a learned curve may have, with one or two parameters of shape."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping

@@ -9,8 +9,6 @@ share that is stated is that of trials which neither the choice nor the fit has 
 All fits are of products summed by trial, so that a fold takes no pass over the samples.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

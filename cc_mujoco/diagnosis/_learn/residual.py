@@ -1,7 +1,5 @@
 """Learned curves of a diagnosis: their choice, test, fit, words and file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -12,8 +12,6 @@ loose joint has a dead zone, and so has a cable that stretches against friction:
 torque distinguishes them.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Catalogue of trials that most rigs can run, and the one that separates two rivals."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -6,8 +6,6 @@ can explain, adds up over trials in the normal equations, so every set of trials
 judged without another simulation.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -6,8 +6,6 @@
 the baseline errs most. Recordings of equal evidence compare equal.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 

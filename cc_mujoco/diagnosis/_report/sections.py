@@ -4,8 +4,6 @@ A section is None where the diagnosis has nothing for it. `_report.output` sets 
 and order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -14,8 +14,6 @@ of a cached replay is everything that acts on the cables, so candidates, folds a
 derivatives share it; changes of sensors or outer loads need no replay.
 """
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence

@@ -18,8 +18,6 @@ lever, its measured torques show the effect. To add an effect, write its entry; 
 applied in the order of the table, mechanics before sensors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

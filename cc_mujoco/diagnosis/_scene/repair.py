@@ -11,8 +11,6 @@ acts on them; MuJoCo simulates cables, actuators, tendons and sensors. So a roll
 the written scene can be compared with a replay of the fitted model.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -7,8 +7,6 @@ data could show it at all, and which effects are confounded. `concepts.md` has t
 of two models, and the rules of acceptance and of ties.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple

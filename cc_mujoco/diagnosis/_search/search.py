@@ -8,8 +8,6 @@ same at every repetition. So the search is repeated on parts that differ in load
 or pose, and an effect that only some parts name is not accepted.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

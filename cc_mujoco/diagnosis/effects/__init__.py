@@ -7,8 +7,6 @@ off, bit for bit. To add an effect, write its entry, and its form in MuJoCo in
 `_scene/realisation.py` where it is not in the cable.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Effects of a cable: friction in the conduit, path, tension, elasticity, ends."""
 
-from __future__ import annotations
-
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,

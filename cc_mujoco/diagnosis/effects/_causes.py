@@ -4,8 +4,6 @@ A verdict that names an effect, or a tuned parameter that deviates, means any of
 Two effects with the same causes have them where the data do not decide between both.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Effects of pulleys, motor and joint, and of sensors, which act after all others."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A `Burden` lists the actuators, features, equalities and sensors of a spatial te
 and the branches of its path between pulleys.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Collection

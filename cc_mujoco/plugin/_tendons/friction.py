@@ -17,8 +17,6 @@
 ['extensor_proximal', 'extensor_distal']
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import warnings

@@ -17,8 +17,6 @@ A band, a tendon with nothing but a linear spring that is taut in the pose `qpos
 needs no winch: the cable itself has this stiffness, EA = k times the rest length.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """The one exception that this package raises for input it cannot accept."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -42,7 +40,7 @@ class CableError(ValueError):
     @classmethod
     def unknown(
         cls, kind: str, name: str, allowed: Iterable[str], where: str = ""
-    ) -> CableError:
+    ) -> "CableError":
         """Build the error for a name that is not in a registry.
 
         Args:

@@ -10,8 +10,6 @@ For the forms of CSV see `csv_files`, for the units of OpenSim's columns
 A text `TABLE:JOINT=COLUMN;JOINT=COLUMN` selects columns, see `split_selection`.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import math
@@ -116,7 +114,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 def quantity_column(
     path: Path, names: Sequence[str], name: str, measured: Kind
-) -> Column:
+) -> "Column":
     """Return the column of a quantity, as `angle_rad`, in any unit (`Angle [deg]`)."""
     stem = name.rpartition("_")[0]
     found = {}

@@ -4,8 +4,6 @@ A getter of `Table` returns None for an absent key, and raises `CableError` for 
 of another kind.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Container, Iterable
@@ -39,14 +37,14 @@ class Table:
         text = repr(self.content[key])
         return text if len(text) <= 60 else f"{text[:57]}..."
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> "Table":
         """Return the table under a key of this one, an empty one if absent."""
         content = self.content.get(key, {})
         if not isinstance(content, dict):
             raise self.wrong(key, f"a table, written as [{key}]")
         return Table(f"{self.where}, [{key}]", content)
 
-    def tables(self, key: str) -> dict[str, Table]:
+    def tables(self, key: str) -> "dict[str, Table]":
         outer = self.table(key)
         inner = {}
         for name, content in outer.content.items():

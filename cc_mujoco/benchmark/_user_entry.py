@@ -9,8 +9,6 @@ by changing Python objects, and does not get seeds. One process serves an entry 
 the benchmark ends.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes
@@ -44,7 +42,7 @@ _ANSWER_HEADER = struct.Struct("<qqqqd")
 
 ANSWER_TIME = 120.0  # for an answer on all plants, with compilation [s]
 
-_processes: dict[str, _Process] = {}  # process of every entry that this process judges
+_processes: "dict[str, _Process]" = {}  # of every entry that this one judges
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:

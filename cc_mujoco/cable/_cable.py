@@ -10,8 +10,6 @@ switches one on, the law. MJCF keys, the packed vector of the kernel and the par
 that a fit may vary follow the fields as `PARAMETERS`.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import difflib
@@ -337,7 +335,7 @@ class Cable:
                 )
 
     @classmethod
-    def from_config(cls, config: Mapping[str, str], where: str = "cable") -> Cable:
+    def from_config(cls, config: Mapping[str, str], where: str = "cable") -> "Cable":
         """Read a cable from configuration text of an MJCF file.
 
         Args:
@@ -399,11 +397,11 @@ class Cable:
             config["guides"] = " ".join(words)
         return config
 
-    def replace(self, **changes: object) -> Cable:
+    def replace(self, **changes: object) -> "Cable":
         """Return a copy with some fields changed."""
         return Cable(**(vars(self) | changes))
 
-    def with_friction(self, friction: float, **changes: object) -> Cable:
+    def with_friction(self, friction: float, **changes: object) -> "Cable":
         """Return a copy with other kinetic friction, static friction in proportion.
 
         Args:

@@ -13,8 +13,6 @@ Positive motor rotation pulls the joint positive. `motor_torque` is what the mot
 into the transmission, `joint_torque` what the transmission puts into the joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +110,7 @@ class Transmission:
         motor_radius: float,
         joint_radius: float,
         gear_ratio: float = 1.0,
-    ) -> Transmission:
+    ) -> "Transmission":
         """Return two equal cables that pull the joint both ways (thesis Fig. 2.7)."""
         return cls((cable, cable), motor_radius, joint_radius, gear_ratio)
 
@@ -123,7 +121,7 @@ class Transmission:
         motor_radius: float,
         joint_radius: float,
         gear_ratio: float = 1.0,
-    ) -> Transmission:
+    ) -> "Transmission":
         """Return one cable that pulls the joint positive, and otherwise goes slack."""
         return cls((cable,), motor_radius, joint_radius, gear_ratio)
 

@@ -7,8 +7,6 @@
 Equation numbers are those of A. Borowski's thesis, chapter 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +31,7 @@ class Mesh:
     stiffness: float  # k_c of Hooke's law T = k_c du/dx [N]
 
     @classmethod
-    def of(cls, cable: Cable) -> Mesh:
+    def of(cls, cable: Cable) -> "Mesh":
         """Return the segments of the kernel, each with the mean curvature of its part.
 
         They are equal, as in the thesis, if the conduit has constant curvature.
@@ -51,14 +49,14 @@ class Mesh:
     def segments(self) -> int:
         return self.angle.size
 
-    def part(self, first: int, last: int) -> Mesh:
+    def part(self, first: int, last: int) -> "Mesh":
         """Return the segments from `first` up to, but without, `last`."""
         span = slice(first, last)
         return Mesh(
             self.angle[span], self.static_angle[span], self.length[span], self.stiffness
         )
 
-    def mirrored(self) -> Mesh:
+    def mirrored(self) -> "Mesh":
         """Return the same cable seen from its distal end (footnote 3)."""
         return Mesh(
             self.angle[::-1], self.static_angle[::-1], self.length[::-1], self.stiffness

@@ -9,8 +9,6 @@ ratio: without friction and stretch both are equal. Models are frozen dataclasse
 numbers and tuples of numbers, so that they can be written to a file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -45,7 +43,7 @@ class HysteresisTrial:
         joint_angle: ArrayLike,
         ratio: float,
         samples: int = 1500,
-    ) -> HysteresisTrial:
+    ) -> "HysteresisTrial":
         """Return a trial of angles (n,) [rad], thinned to about `samples` of them.
 
         `ratio` is the motor angle per joint angle of an unstretched cable [-].
@@ -154,7 +152,7 @@ class Line(HysteresisModel):
     offset: float  # motor angle at joint angle 0 [rad]
 
     @classmethod
-    def fit(cls, trial: HysteresisTrial) -> Line:
+    def fit(cls, trial: HysteresisTrial) -> "Line":
         weights = trial.weights
         slope, offset = np.polyfit(trial.joint_angle, trial.motor_angle, 1, w=weights)
         return cls(float(slope), float(offset))
@@ -193,7 +191,7 @@ class SmoothBacklash(HysteresisModel):
         require_parameter(self, "slope_down", 1e-6, 1e6, "")
 
     @classmethod
-    def fit(cls, trial: HysteresisTrial) -> SmoothBacklash:
+    def fit(cls, trial: HysteresisTrial) -> "SmoothBacklash":
         joint, weights = trial.joint_angle, trial.weights
         fits: list[tuple[float, list[float]]] = []
         for share in np.geomspace(0.003, 0.5, 24):
@@ -274,7 +272,7 @@ class PrandtlIshlinskii(HysteresisModel):
             )
 
     @classmethod
-    def fit(cls, trial: HysteresisTrial) -> PrandtlIshlinskii:
+    def fit(cls, trial: HysteresisTrial) -> "PrandtlIshlinskii":
         from scipy.optimize import lsq_linear
 
         motor, joint = trial.motor_angle, trial.joint_angle
@@ -369,7 +367,7 @@ class BoucWen(HysteresisModel):
             )
 
     @classmethod
-    def fit(cls, trial: HysteresisTrial) -> BoucWen:
+    def fit(cls, trial: HysteresisTrial) -> "BoucWen":
         from scipy.optimize import least_squares
 
         motor, joint = trial.motor_angle, trial.joint_angle

@@ -4,8 +4,6 @@ network = Network.of_layers(layers, mean, deviation)
 shares = network(observation)                   # (size,) or (n, size)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -82,7 +80,7 @@ class Network:
         deviation: Array,
         squashed: bool = False,
         far: float = np.inf,
-    ) -> Network:
+    ) -> "Network":
         """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
 
         They are `Linear`, with one kind of activation between them; see the class for

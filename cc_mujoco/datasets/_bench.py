@@ -1,7 +1,5 @@
 """The rig as a scene describes it: cables, pulleys and the two joints they connect."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Collection, Mapping
@@ -227,7 +225,7 @@ class Bench:
             played, joint_angle=joint_angle, joint_torque=played.joint_torque * share
         )
 
-    def known(self, constants: Mapping[str, Constant]) -> Bench:
+    def known(self, constants: Mapping[str, Constant]) -> "Bench":
         """Return the bench with constants of `[rig]` in place of those of the scene.
 
         Args:
@@ -270,7 +268,7 @@ class Bench:
         axis: str | None = None,
         cables: Collection[str] | None = None,
         driven: str = "",
-    ) -> Bench:
+    ) -> "Bench":
         """Read a bench from a scene.
 
         Args:

@@ -4,8 +4,6 @@ A gap, a missing reading or a masked row ends a stretch; nothing is interpolated
 it. A stretch whose sampling times jitter is resampled evenly by linear interpolation.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -167,7 +165,7 @@ class SampledTrack:
 
     def thinned(
         self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
-    ) -> SampledTrack:
+    ) -> "SampledTrack":
         """Apply `thin` to time and signals; `counts` are the new segments' sizes."""
         values = {channel: thin(value) for channel, value in self.values.items()}
         segments = tuple(part for part in _slices(counts) if part.stop > part.start)

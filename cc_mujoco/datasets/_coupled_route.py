@@ -5,8 +5,6 @@ positive where the cable pulls. If other joints move the cable as well, its path
 computed at every sample of a recording, see `RecordedPath`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -143,7 +141,7 @@ class RecordedPath:
         ahead = np.linspace(0.0, 1.0, self.ramp + 1)[:-1]
         return np.concatenate([ahead, np.ones(self.ramp + self.joint.size)])
 
-    def thinned(self, every: int) -> RecordedPath:
+    def thinned(self, every: int) -> "RecordedPath":
         joint, angles = self.joint[::every].copy(), self.angles[:, ::every].copy()
         return replace(self, joint=joint, angles=angles)
 

@@ -1,7 +1,5 @@
 """Load cells on the cables: their torque, and its comparison with a torque sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -88,7 +86,7 @@ class SingleCell(NamedTuple):
     rest: float  # tension that counts as none, that of the trial at rest [N]
 
     @classmethod
-    def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:
+    def of(cls, channel: str, bench: Bench, pretension: float | None) -> "SingleCell":
         """Return the load cell of a channel such as `tension_agonist_distal_n`.
 
         The trial's pretension is in newtons; None or 0 is that of the scene.

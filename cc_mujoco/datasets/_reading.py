@@ -4,8 +4,6 @@ Names and units of the columns come from `dataset.toml` or from the columns' own
 `motor_angle_deg` is the motor angle in degrees.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -260,7 +258,7 @@ class _Table:
     topical: bool = False  # whether its rows belong to topics
 
     @classmethod
-    def of(cls, part: TrialFile, file: DatasetFile) -> _Table:
+    def of(cls, part: TrialFile, file: DatasetFile) -> "_Table":
         names = tables.column_names(part.path)
         names += [stem for stem in columns.stamp_columns(names) if stem not in names]
         source, given = file.source(channels.TIME), part.times

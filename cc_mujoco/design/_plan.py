@@ -3,8 +3,6 @@
 All errors in the specification of a study are found here, before it runs.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -112,7 +110,7 @@ class Plan:
             "digest": _digest(self.designs),
         }
 
-    def with_few_designs(self, designs: Sequence[Design]) -> Plan:
+    def with_few_designs(self, designs: Sequence[Design]) -> "Plan":
         """Return the plan of a few other designs, in batches of eight."""
         batches = batches_of(self.protocol, dict(enumerate(designs)), 8)
         few = replace(self, designs=tuple(designs), batches=batches)

@@ -4,8 +4,6 @@ A record of dtype `AXIS` has the indices of an axis's parts in MuJoCo's arrays, 
 constants. The function gets the addresses of the arrays in memory.
 """
 
-from __future__ import annotations
-
 import ctypes
 from typing import Annotated, Any, NamedTuple
 
@@ -80,12 +78,12 @@ class Physics(NamedTuple):
     actuator_length: Array
     actuator_moment: Array
 
-    def detached(self) -> Physics:
+    def detached(self) -> "Physics":
         """Return a copy with its own arrays from `actuator_force` on, the results."""
         found = {name: getattr(self, name).copy() for name in self._fields[3:]}
         return self._replace(**found)
 
-    def take(self, other: Physics, row: Any = slice(None)) -> None:
+    def take(self, other: "Physics", row: Any = slice(None)) -> None:
         """Copy the results of `other`, from `actuator_force` on, to all rows or one."""
         for name in self._fields[3:]:
             getattr(self, name)[row] = getattr(other, name)

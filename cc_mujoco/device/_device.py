@@ -8,8 +8,6 @@ A device is given by the name of a built-in scene, by an MJCF file or by the TOM
 of its description. Every function that takes a device accepts these three.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Container, Iterable, Mapping
@@ -98,14 +96,14 @@ class Device(Nominal):
         self._read(spec, name, table, timestep, given)
 
     @classmethod
-    def from_mjcf(cls, path: str | Path, **given: Any) -> Device:
+    def from_mjcf(cls, path: str | Path, **given: Any) -> "Device":
         """Read an MJCF file and its description; see `Device` for `given`, errors."""
         return cls(Path(path), **given)
 
     @classmethod
     def from_spec(
         cls, spec: mujoco.MjSpec, name: str = "device", **given: Any
-    ) -> Device:
+    ) -> "Device":
         """Make a device from a MuJoCo specification, for example one with `add_cable`.
 
         The specification is copied. `given` are keys of a description, see `Device`.
@@ -116,7 +114,7 @@ class Device(Nominal):
         made._read(spec.copy(), name, Table(name, {}), None, given)
         return made
 
-    def variant(self, scene: str | Path) -> Device:
+    def variant(self, scene: str | Path) -> "Device":
         """Return a device with the description of this one and another scene.
 
         `scene` is the path of an MJCF file, for example of one that a diagnosis wrote.

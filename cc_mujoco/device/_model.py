@@ -4,8 +4,6 @@ Readings take the arrays of one simulation or, with a leading axis, of several. 
 give the same bits, because the arithmetic is elementwise.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections import Counter
@@ -288,7 +286,7 @@ class DeviceModel:
         """Cables that `start` writes into the model first, see `with_cables`."""
 
     @classmethod
-    def of(cls, plant: Plant | Nominal | str | Path) -> DeviceModel:
+    def of(cls, plant: Plant | Nominal | str | Path) -> "DeviceModel":
         """Return the compiled model of a plant, or of a device as its scene has it."""
         plant = plant if isinstance(plant, Plant) else Plant(plant)
         return cls(plant.description, plant.model())
@@ -346,7 +344,7 @@ class DeviceModel:
             drives.append(sensing.equip(drive, **own))
         return tuple(drives)
 
-    def with_cables(self, cables: Mapping[str, Cable]) -> DeviceModel:
+    def with_cables(self, cables: Mapping[str, Cable]) -> "DeviceModel":
         """Return a copy with other cables, which `start` writes into the same model."""
         made = copy.copy(self)
         made.written = {

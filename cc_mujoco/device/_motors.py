@@ -6,7 +6,11 @@ Torque and inertia are those of the rotor, before a gear.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+
+from cc_mujoco._utils.csv_files import read_sheet
 
 
 @dataclass(frozen=True)
@@ -22,25 +26,12 @@ class Motor:
     source: str = ""
 
 
-_PITTMAN = "cdn.shopify.com/s/files/1/0568/0716/2056/files/Ametek_Pittman"
+def _motors() -> Iterator[Motor]:
+    for row in read_sheet(Path(__file__).with_name("motors.csv")).rows:
+        name, *figures, source = row.cells
+        ohm, per_ampere, continuous, mass, inertia = map(float, figures)
+        yield Motor(name, ohm, per_ampere, continuous, mass, inertia, source)
 
-MOTORS: dict[str, Motor] = {
-    motor.name: motor
-    for motor in (
-        Motor(
-            "maxon_353297", 0.365, 0.123, 0.8, 2.1, 1.34e-4,
-            "maxon DC motor of 65 mm, order number 353297, 48 V; its data sheet as on "
-            "pastebin.com/7kFwyXJK",
-        ),
-        # Their sheets have k and k / sqrt(R).
-        Motor(
-            "pittman_14204s004", (3.06e-2 / 6.09e-2) ** 2, 3.06e-2, 0.18, 1.083, 2.6e-5,
-            f"Ametek Pittman 14204S004, data sheet, {_PITTMAN}_14204S004.pdf",
-        ),
-        Motor(
-            "pittman_9233s013", (3.73e-2 / 1.88e-2) ** 2, 3.73e-2, 3.3e-2, 0.252,
-            3.2e-6, f"Ametek Pittman 9233S013, data sheet, {_PITTMAN}_9233S013.pdf",
-        ),
-    )
-}  # fmt: skip
+
+MOTORS: dict[str, Motor] = {motor.name: motor for motor in _motors()}
 """Every motor by name."""

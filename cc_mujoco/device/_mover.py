@@ -1,7 +1,5 @@
 """Actuators of motors and wearer: impedance, control and limits at their joints."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -43,7 +41,7 @@ class Mover(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, name: str) -> Mover:
+    def of(cls, model: mujoco.MjModel, name: str) -> "Mover":
         actuator = int(model.actuator(name).id)
         gear = float(model.actuator_gear[actuator, 0])
         gain = float(model.actuator_gainprm[actuator, 0])
@@ -62,7 +60,7 @@ class Mover(NamedTuple):
         aim = self.scale * self.wearer.command(angle, velocity) + self.offset
         return np.clip(aim, self.low, self.high)
 
-    def impose(self, actuator: Any, wearer: Wearer) -> Mover:
+    def impose(self, actuator: Any, wearer: Wearer) -> "Mover":
         """Write another impedance into an actuator; its control keeps its scale."""
         share = self.gear * self.gear
         gain = wearer.stiffness / share
@@ -81,7 +79,7 @@ class MotorLimits(NamedTuple):
     torques: tuple[float, float]  # at both ends of its range [N m]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, actuator: int) -> MotorLimits:
+    def of(cls, model: mujoco.MjModel, actuator: int) -> "MotorLimits":
         gain = float(model.actuator_gainprm[actuator, 0])
         gear = float(model.actuator_gear[actuator, 0])
         low, high = _control_range(model, actuator)

@@ -10,8 +10,6 @@ It may include earlier frames and the states of play operators, which remember t
 reversals as a cable with friction does.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -105,7 +103,7 @@ class Observed:
         size += self.history * (self.frame + 1)
         return Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (size,), dtype=np.float32)
 
-    def with_reference(self) -> Observed:
+    def with_reference(self) -> "Observed":
         """Return the observation with the joint's commanded angle as last column."""
         columns = *self.columns, "reference_angle_rad"
         units = *self.units, self.units[JOINT_ANGLE]
@@ -121,7 +119,7 @@ class Observed:
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, fields: Mapping[str, Any]) -> Observed:
+    def from_dict(cls, fields: Mapping[str, Any]) -> "Observed":
         """Return the observation that `to_dict` wrote as JSON."""
         names = {field.name for field in dataclasses.fields(cls)}
         if set(fields) != names:
@@ -170,7 +168,7 @@ class ObservationHistory:
         if self.observed.memory:
             _follow(self.past, self._all[rows])
 
-    def take(self, other: ObservationHistory) -> None:
+    def take(self, other: "ObservationHistory") -> None:
         """Copy measurements, plays and earlier frames of a history of equal shape."""
         for own, its in zip(self.past[1:], other.past[1:], strict=True):
             own[...] = its

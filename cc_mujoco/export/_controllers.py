@@ -4,8 +4,6 @@ plan = ExportPlan.of("stiction", [drive], [("flexor", "extensor")])
 plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -167,7 +165,7 @@ class AxisPlan:
         prefix: str = "",
         decoupled: bool = False,
         iterations: float = math.inf,
-    ) -> AxisPlan:
+    ) -> "AxisPlan":
         """Plan a controller with its default gains.
 
         Names of readings and gains begin with `prefix`. If `decoupled`, it reads the
@@ -246,7 +244,7 @@ class ExportPlan:
         cables: Sequence[tuple[str, ...]],
         prefixes: Sequence[str] = ("",),
         iterations: float = math.inf,
-    ) -> ExportPlan:
+    ) -> "ExportPlan":
         """Plan a controller of `control.axes_controller` with its default gains.
 
         Drives, names of cables and beginnings of columns have an entry for every axis;

@@ -1,7 +1,5 @@
 """Addresses of rigs in the table `[rig]`: UDP, CAN FD, or a motor drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -38,7 +36,7 @@ class CanAddress(CanPlace):
     command_id: int = 0x110  # of frames with a command; of 29 bits if above 0x7ff
     reading_id: int = 0x111  # of frames with a reading; of two at once the lower wins
 
-    def other_end(self) -> CanAddress:
+    def other_end(self) -> "CanAddress":
         """Return the rig's own address: the two identifiers exchanged."""
         return replace(self, command_id=self.reading_id, reading_id=self.command_id)
 

@@ -7,8 +7,6 @@ the motor torque without friction, from which the controller `none` computes the
 torque. A trial thus has the limits, the watchdog and the log of every other run.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -85,7 +83,7 @@ class Virtual:
         return float(self.task.torque(seen.joint_angle, seen.joint_velocity, at))
 
     @classmethod
-    def named(cls, name: str) -> Virtual:
+    def named(cls, name: str) -> "Virtual":
         """Return a named virtual environment; refuse a gait or commanded angle."""
         found = task(name)
         if found.about_reference or found.commands_angle:
@@ -145,7 +143,7 @@ class Stiffness:
         require_parameter(self, "integral", 0.0, 1e12, "N m/(rad s)")
 
     @classmethod
-    def of(cls, drive: Drive) -> Stiffness:
+    def of(cls, drive: Drive) -> "Stiffness":
         """Return the highest gains for the motor's inertia and the period.
 
         A measurement is a period old, a torque acts for another, and a motor may lag.

@@ -1,7 +1,5 @@
 """Definition of a metric, and of the episode record from which it is computed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -124,7 +122,7 @@ class Metric:
         """Return whether each axis of a device has its own value."""
         return not (self.whole or self.per_cable)
 
-    def of(self, cable: str) -> Metric:
+    def of(self, cable: str) -> "Metric":
         """Return the metric of one cable, named in place of `{cable}`."""
         return replace(
             self,

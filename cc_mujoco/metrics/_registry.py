@@ -92,7 +92,7 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
 
 
 def _built_in() -> Iterator[Metric]:
-    """Yield the metrics of `metrics.csv` (names, units, meanings) with their formulas.
+    """Yield the metrics of `metrics.csv` with their formulas.
 
     One without a formula here is a constant of a design, in the metadata under its
     name.
@@ -152,31 +152,12 @@ def _built_in() -> Iterator[Metric]:
         "bandwidth": torque.bandwidth,
         "response": lambda log: float(torque.torque_response(log)[1][0]),
     }
-    tests: dict[str, Test] = {
-        "reflected_torque": "backdrive",
-        "held_backlash": "backlash",
-        "bandwidth": "bandwidth",
-        "response": "bandwidth",
-    }
-    winding = Key.WINDING_RESISTANCE, Key.TORQUE_CONSTANT
-    needs: dict[str, tuple[str, ...]] = {
-        "peak_over_safe": (Key.SAFE_TORQUE,),
-        "thermal_load": (Key.CONTINUOUS_TORQUE,),
-        "motor_heat": winding,
-        "electrical_power": winding,
-        "slack_under_load": (Key.PULL_PULL,),
-        "strength_used": (Key.STRENGTH,),
-        "cable_mass": ("rope_density",),
-        "mass": ("rope_density", "motor_mass"),
-        "bending_stress": ("material",),
-    }
     strides = ("wearer_work", "wearer_work_change", "assistance_work",
                "peak_assistance", "torque_rate", "swing_torque")  # fmt: skip
     for name in strides:
         formulas[name] = lambda log, name=name: stride_metrics(log).get(name, math.nan)
-    needs |= dict.fromkeys(strides, (Key.PACE,))
     for row in read_sheet(Path(__file__).with_name("metrics.csv")).rows:
-        name, unit, better, meaning = row.cells
+        name, unit, better, test, needs, meaning = row.cells
         compute = formulas.get(name)
         yield Metric(
             name,
@@ -184,8 +165,8 @@ def _built_in() -> Iterator[Metric]:
             meaning,
             compute or partial(metadata_constant, key=name),
             cast("Better", better.strip("-")),
-            tests.get(name, "episode") if compute else "parts",
-            needs.get(name, ()),
+            cast("Test", test),
+            tuple(needs.split()),
             whole=not compute and name != "reflected_inertia",
         )
 

@@ -7,8 +7,6 @@ Python calls such a function in the native library. `function.py_func` is the sa
 function run by Python, the reference: it gives the same bits.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import platform
@@ -58,7 +56,7 @@ def own_entries(
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-FUNCTIONS: list[NativeFunction] = []  # all functions that have been declared, in order
+FUNCTIONS: "list[NativeFunction]" = []  # all declared ones, in order
 
 
 class NativeFunction:

@@ -5,8 +5,6 @@ Addresses are plain integers here, so that callbacks can follow the pointers of
 and hold no lock; nothing here checks bounds.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from typing import Annotated, Any
@@ -32,7 +30,7 @@ Bytes = Annotated[Any, Array(BYTE)]
 """Text: an array of bytes, or a literal."""
 
 
-ENGINE: list[Engine] = []
+ENGINE: "list[Engine]" = []
 """Functions of MuJoCo, in the order of the table in `native_plugin.h`."""
 
 

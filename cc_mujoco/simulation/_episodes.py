@@ -8,8 +8,6 @@
 A single environment has n = 1, a vector environment any n.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -223,7 +221,7 @@ class Episodes:
         table, qpos, state = snapshot
         return self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
 
-    def take(self, other: Episodes) -> None:
+    def take(self, other: "Episodes") -> None:
         """Continue the episodes of another object, whose state `worlds` already has."""
         self.plants, self._current_plant = list(other.plants), other._current_plant
         self.samples[:], self._actions[:] = other.samples, other._actions

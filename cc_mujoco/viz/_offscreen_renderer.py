@@ -9,8 +9,6 @@ are rendered, and both are merged by depth. Pictures are rendered at twice their
 and averaged. Moving parts cast no shadow.
 """
 
-from __future__ import annotations
-
 import copy
 import ctypes.util
 import importlib
@@ -125,7 +123,7 @@ class OffscreenRenderer:
         model.vis.quality.shadowsize = 0
         self._drawing = self._open()
 
-    def __enter__(self) -> OffscreenRenderer:
+    def __enter__(self) -> "OffscreenRenderer":
         return self
 
     def __exit__(self, *_: object) -> None:

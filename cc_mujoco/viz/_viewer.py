@@ -10,8 +10,6 @@ The viewer has its own model and data, and paints in a thread of its own: it sho
 latest frame, and the simulation does not wait for it.
 """
 
-from __future__ import annotations
-
 import copy
 import os
 import re
@@ -147,7 +145,7 @@ class Screen:
         self._draw_thread = threading.Thread(target=self._draw_frames, daemon=True)
         self._draw_thread.start()
 
-    def __enter__(self) -> Screen:
+    def __enter__(self) -> "Screen":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Warp functions of a cable, built for a precision and the terms in use."""
 
-from __future__ import annotations
-
 import hashlib
 import linecache
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Cables of all worlds of a mujoco_warp model: their arrays and their callback."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from copy import copy
 from importlib import import_module

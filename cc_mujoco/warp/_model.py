@@ -1,7 +1,5 @@
 """Ends of cables in a model, and checks for features that mujoco_warp cannot run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Arrays of the cables that tendons guide, and launches of their kernels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 

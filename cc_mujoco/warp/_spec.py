@@ -3,8 +3,6 @@
 `_model.py` is separate, as it works with MuJoCo releases too old for the plugin.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

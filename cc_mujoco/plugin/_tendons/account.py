@@ -1,7 +1,5 @@
 """Reports on cables that a model was given, and on what acted on their tendons."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
@@ -30,7 +28,7 @@ class AddedCables:
     cables: tuple[str, ...]
     winch: str
     lines: tuple[str, ...]
-    parts: tuple[AddedCables, ...] = ()
+    parts: "tuple[AddedCables, ...]" = ()
 
     def __str__(self) -> str:
         return "\n".join(self.lines)

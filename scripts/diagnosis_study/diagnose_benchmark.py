@@ -13,10 +13,12 @@ diagnosed again: until no trial is proposed, or `--proposals` have been recorded
 
 Thresholds were set on seeds below 4000; what followed from a study was measured on
 seeds that had not led to it. `cases.jsonl` has a record of each case; those that have
-one are not repeated. A rig keeps its seed over strengths and protocols. With `--bic`
-every case is also named in the simpler way of `bic`, from the same tuned baseline.
-`--search` restricts the effects that are considered. Where the hidden effect is of no
-library, a table below the fold shows what curves learn of it.
+one are not repeated. A rig keeps its seed over strengths and protocols. `event:KIND`
+lets something happen once, alone or beside effects (`event:slip+viscous_friction`), see
+`rig/events.py`; no trial is proposed there. With `--naive` every case is also named in
+the simpler way of `bic`, from the same tuned baseline. `--search` restricts the effects
+that are considered. Where the hidden effect is of no library, a table below the fold
+shows what curves learn of it.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
+from event_rigs import judged as judged_event
 from kept_cases import complete
 from rare_effects import RARE, SESSIONS, session_of
 
@@ -62,6 +65,7 @@ from cc_mujoco.hardware._references import read_plan
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import table
 from rig.dataset import clean_dataset, make_dataset
+from rig.events import KINDS, with_event
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
@@ -75,6 +79,7 @@ if TYPE_CHECKING:
 Record = dict[str, Any]
 KEYS = "make", "protocol", "hidden", "strength", "seed"  # what tells a case
 MAX_PROPOSED = 2  # proposed trials that are recorded at most
+EVENT = "event:"  # prefix of an event among what is hidden
 STATIC = (
     "joint_gravity", "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
     "asymmetric_friction",
@@ -112,6 +117,8 @@ class Case(NamedTuple):
     def kind(self) -> str:
         if self.hidden in SESSIONS:
             return "rare"
+        if self.event:
+            return "event"
         if self.hidden == "none":
             return "none"
         if "+" in self.hidden:
@@ -120,7 +127,14 @@ class Case(NamedTuple):
 
     @property
     def effects(self) -> tuple[str, ...]:
-        return () if "none" in self.hidden else tuple(self.hidden.split("+"))
+        names = self.hidden.split("+")[bool(self.event) :]
+        return tuple(name for name in names if name != "none")
+
+    @property
+    def event(self) -> str:
+        """The kind of the event (`KINDS`), "" for none."""
+        head = self.hidden.split("+")[0]
+        return head.removeprefix(EVENT) if head.startswith(EVENT) else ""
 
 
 class Step(NamedTuple):
@@ -223,6 +237,7 @@ def run(
     trials = MAKES[rig.make].trials(rig)
     recorded = f"{trials}_standard" if case.protocol == "standard" else trials
     amounts: dict[str, float] = {}
+    event = None
     if case.kind == "rare":
         data, facts = session_of(case.hidden, rig)
         proposals = 0
@@ -230,7 +245,11 @@ def run(
         for name in case.effects:
             size = calibrate(rig, name, case.strength, trials, case.seed)
             amounts[name] = size
-        data = make_dataset(rig, amounts, recorded, case.seed)
+        if case.event:
+            data, event = with_event(rig, amounts, recorded, case.seed, case.event)
+            proposals = 0
+        else:
+            data = make_dataset(rig, amounts, recorded, case.seed)
         facts = facts_of(recorded, case.seed)
     ids = RARE if case.kind == "rare" else ()
     with tempfile.TemporaryDirectory() as folder:
@@ -254,8 +273,9 @@ def run(
         "intervals": {
             name: [value.value, *value.ci95, truth[name]]
             for name, value in found.baseline.parameters.items()
-            if name in truth
+            if name in truth and event is None
         },
+        "event": judged_event(found, event),
         "learned": learning(found),
         "seconds": first.seconds,
     }
@@ -346,6 +366,10 @@ def judged(
 def word_of(record: Record, step: int) -> str:
     """Return how the diagnosis of number `step` went, see `judged`."""
     found, kind = record["steps"][step], record["kind"]
+    if kind == "event":
+        if record["event"]["found"]:
+            return "right"
+        return "wrong" if record["event"]["kinds"] else "missed"
     kind = {"rare": "named" if record["effects"] else "none"}.get(kind, kind)
     return judged(
         kind, record["effects"], found["verdict"], found["named"], found["ties"]
@@ -360,8 +384,9 @@ def is_right(record: Record, step: int) -> bool:
     found, hidden = record["steps"][step], set(record["effects"])
     if found["verdict"] == "tie":
         return any(hidden & set(tie) for tie in found["ties"])
-    if record["kind"] in ("none", "unknown"):
-        return bool(found["verdict"] == record["kind"])
+    if record["kind"] == "unknown" or not hidden:
+        right = "unknown" if record["kind"] == "unknown" else "none"
+        return bool(found["verdict"] == right)
     return found["verdict"] == "named" and hidden == set(found["named"])
 
 
@@ -369,6 +394,8 @@ def is_alone(record: Record) -> bool:
     """Return whether the last verdict is right and names nothing else."""
     named = set(record["steps"][-1]["named"])
     alone = record["kind"] in ("none", "unknown") or named == set(record["effects"])
+    if record["kind"] == "event":
+        alone = is_right(record, -1)
     return word_of(record, -1) == "right" and alone
 
 
@@ -401,11 +428,13 @@ def cases(
             for place, name in enumerate(hidden):
                 make = makes[(place + shift) % len(makes)]
                 known = {"none", *SESSIONS, *MAKES[make].effects}
+                known |= {EVENT + kind for kind in KINDS}
                 if not set(name.split("+")) <= known:
                     continue
                 rare = name in SESSIONS
                 seed = first + turn if rare else first + 100 * turn + place
-                fixed = rare or name == "none"
+                alone = name.startswith(EVENT) and "+" not in name
+                fixed = rare or alone or name == "none"
                 for strength in (0.0,) if fixed else strengths:
                     for protocol in protocols:
                         yield Case(make, protocol, name, strength, seed)
@@ -470,7 +499,7 @@ def _guessed(record: Record) -> Record:
     """Return the record of a case as the lowest BIC names it."""
     named = [record["bic"]["named"]] if record["bic"]["named"] else []
     found = {"verdict": "named" if named else "none", "named": named, "ties": []}
-    return {**record, "steps": [found]}
+    return {**record, "steps": [found], "event": {"found": False, "kinds": named}}
 
 
 def exact(right: Iterable[bool]) -> str:
@@ -493,6 +522,16 @@ def _figures(records: Sequence[Record]) -> list[str]:
             f"Effect-free rigs are {min(errors):.2f} to {max(errors):.2f} floors off; "
             f"{coarse} of {len(free)} have coarse encoders and long rests."
         )
+    calm = [r for r in records if r["kind"] != "event"]
+    if calm:
+        alarms = [not r["event"]["found"] for r in calm]
+        found.append(
+            f"Events in rigs without one: {sum(alarms)} of {len(calm)} "
+            f"({exact(alarms)} %)."
+        )
+    late = [abs(r["event"]["late"]) for r in records if r["event"]["found"]]
+    if len(calm) < len(records):
+        found.append(f"Times of events are off by {max(late, default=0.0):.3f} s.")
     right = [r for r in records if r["kind"] == "named" and word_of(r, 0) == "right"]
     shares = [
         f"{np.nanmedian([r['closed'] for r in own]):.2f} at R = {size:g} ({len(own)})"
@@ -640,7 +679,7 @@ def main(
     first: int = 18000,
     rounds: int = 1,
     proposals: int = MAX_PROPOSED,
-    bic: bool = False,
+    naive: bool = False,
     search: tuple[str, ...] = (),
     jobs: int = 1,
     out: Path = Path("runs", "diagnose_benchmark"),
@@ -649,12 +688,13 @@ def main(
 
     Args:
         effects: ids, pairs "a+b", none, or the groups static, named, earlier, newer,
-            unknown, pairs, nones (ten rigs), rare.
+            unknown, pairs, nones (ten rigs), rare, events, sealed (one or two effects,
+            unknown ones, events, and five rigs of each make with nothing).
         strength: R of every effect.
         first: seed.
         rounds: rigs of each kind.
         proposals: number of proposed trials that are recorded at most.
-        bic: name by BIC, too; a quarter longer.
+        naive: name by BIC, too; a quarter longer.
         search: ids of the only effects that are considered.
         jobs: processes.
     """
@@ -670,10 +710,13 @@ def main(
         "pairs": PAIRS,
         "nones": ("none",) * 10,
         "rare": tuple(SESSIONS),
+        "events": tuple(EVENT + kind for kind in KINDS),
     }
+    sealed = ("named", "pairs", "unknown", "events")
+    groups["sealed"] = sum((groups[each] for each in sealed), ("none",) * 5)
     hidden = [n for name in effects for n in groups.get(name, (name,))]
     every = cases(hidden, makes, strength, protocol, first, rounds)
-    make = partial(run, proposals=proposals, with_bic=bic, search=search)
+    make = partial(run, proposals=proposals, with_bic=naive, search=search)
     complete(out, KEYS, every, make, summary, jobs)
 
 

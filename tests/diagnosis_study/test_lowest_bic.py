@@ -73,6 +73,7 @@ def case(seed: int, kind: str, hidden: str, guessed: str | None) -> dict[str, An
         "effects": [hidden] if hidden else [], "closed": 0.5, "seconds": 3.0,
         "steps": [{"named": [], "verdict": "none", "ties": []}], "proposed": [""],
         "odds": [0.9], "intervals": {}, "bic": {"named": guessed},
+        "event": {"found": True, "kinds": [], "late": 0.0},
         "learned": {"before": 5.0, "after": 2.0, "closed": 0.0, "curves": "",
                     "formulas": ""},
     }  # fmt: skip

@@ -26,9 +26,12 @@ LEARNED = {"before": 5.0, "after": 2.0, "closed": 0.7, "curves": "one", "formula
 @st.composite
 def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
     """Return a possible result of the diagnosis of a case, with its seed."""
-    kind = draw(st.sampled_from([*KINDS, "pair"]))
+    kind = draw(st.sampled_from([*KINDS, "pair", "event"]))
+    event = {"found": draw(st.booleans()), "kinds": draw(st.sampled_from([[], ["x"]]))}
     if kind == "pair":
         hidden = FEW[:2]
+    elif kind == "event":
+        hidden = ("event:slip",)
     else:
         hidden = (draw(st.sampled_from(FEW if kind == "named" else list(KINDS[kind]))),)
     named = draw(st.lists(st.sampled_from(FEW), unique=True, max_size=2))
@@ -53,7 +56,8 @@ def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
         "odds": [0.9, None][: len(steps)],
         "kind": kind,
         "hidden": "none" if kind == "none" else "+".join(hidden),
-        "effects": () if kind == "none" else hidden,
+        "effects": () if kind in ("none", "event") else hidden,
+        "event": event | {"late": 0.01},
         "strength": 0.0 if kind == "none" else draw(st.sampled_from(STRENGTHS)),
         "closed": 0.5,
         "learned": LEARNED,
@@ -124,6 +128,31 @@ def test_a_verdict_is_right_if_it_names_all_that_is_hidden_and_no_more(
     assert is_right(record, -1) == right
 
 
+@pytest.mark.parametrize(
+    ("right", "alone", "found", "kinds", "verdict", "named"),
+    [
+        ("right", True, True, ["slip"], "none", []),
+        ("right", False, True, ["slip"], "named", ["backlash"]),
+        ("right", False, True, ["slip"], "unknown", []),
+        ("wrong", False, False, ["gain"], "none", []),
+        ("missed", False, False, [], "unknown", []),
+    ],
+)
+def test_an_event_is_right_if_found_and_alone_if_the_rest_is_right(
+    right: str,
+    alone: bool,
+    found: bool,
+    kinds: list[str],
+    verdict: str,
+    named: list[str],
+) -> None:
+    step = {"verdict": verdict, "named": named, "ties": []}
+    event = {"found": found, "kinds": kinds, "late": 0.0}
+    record = {"kind": "event", "effects": [], "steps": [step], "event": event}
+    assert went(record, -1) == right
+    assert is_alone(record) == alone
+
+
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
 def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> None:
     records = [
@@ -160,6 +189,10 @@ def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> N
     assert len(curves) == (len(unknown) if unexplained else 0)
     sentence = f"Of {len(unexplained)} `unknown` rigs {len(unexplained)} have curves"
     assert not unexplained or f"{sentence}, which close 0.70" in below
+    calm = [r for r in records if r["kind"] != "event"]
+    alarms = sum(not r["event"]["found"] for r in calm)
+    sentence = f"Events in rigs without one: {alarms} of {len(calm)} ("
+    assert (sentence in above) == bool(calm)
     (odds,) = (row for row in rows(above) if row[0] == "0.85 to 0.92")
     assert int(odds[1]) == len(records)
 

@@ -26,7 +26,7 @@ from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
 from cc_mujoco.diagnosis._learn.residual import learn_residual
 from cc_mujoco.diagnosis._loading import load
-from cc_mujoco.diagnosis._locate import locate_error
+from cc_mujoco.diagnosis._locate import evidence_of, locate_error
 from cc_mujoco.diagnosis._partial.loss import diagnose_loss
 from cc_mujoco.diagnosis._partial.motion import diagnose_motion
 from cc_mujoco.diagnosis._phrases import (
@@ -37,6 +37,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report import output
+from cc_mujoco.diagnosis._report.drawer import Drawer
 from cc_mujoco.diagnosis._report.output import DiagnosisResult
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
 from cc_mujoco.diagnosis._search.search import Found, search_effects
@@ -93,13 +94,13 @@ def diagnose(
             "diagnose takes the scene first: diagnose(scene, data, out), with an MJCF "
             f"file or a name, not {scene!r}."
         )
-    with effects_in_use(effects) as requested:
+    with effects_in_use(effects) as requested, Drawer() as drawer:
         bench = Bench.of(Path(scene), axis)
         given = _paths(data)
         output.require_ours(Path(out), bench.path, given)
-        output.preload_drawing()
+        drawer.start()
         known: Any = {"dataset_toml": dataset_toml, "seed": seed, "progress": progress}
-        known |= {"effects": requested, "proposing": False}
+        known |= {"effects": requested, "proposing": False, "drawer": drawer}
         result, dataset = infer(bench, given, **known)
         names = [name for name in effects if isinstance(name, str)]
         statement = result.diagnosis.statement
@@ -108,7 +109,7 @@ def diagnose(
             text = f"{statement} {PROPOSAL_FOLLOWS}"
             begun = replace(result.diagnosis, statement=text)
             result = replace(result, diagnosis=begun)
-        found = output.write(result, dataset, Path(out), command, seed, names)
+        found = output.write(result, dataset, Path(out), command, seed, names, drawer)
         reported(found)
         if tied:
             with suppress(KeyboardInterrupt):  # what is written stays
@@ -128,11 +129,13 @@ def infer(
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
     proposing: bool = True,
+    drawer: Drawer = Drawer(),  # noqa: B008
 ) -> tuple[DiagnosisResult, Dataset]:
     """Diagnose as `diagnose` does, with the bench of the scene, and write no files.
 
     Return the result and the dataset that was read. Without `proposing` no trial is
-    designed that would separate a tie; `with_proposal` does that.
+    designed that would separate a tie; `with_proposal` does that. A `drawer` begins
+    once there is evidence.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
@@ -177,7 +180,7 @@ def infer(
         else:
             settings = Options(seed=seed, requested=requested)
             with single_threaded_blas():
-                result = run_inference(dataset, bench, settings, progress)
+                result = run_inference(dataset, bench, settings, progress, drawer)
         found = result.diagnosis
         doubts = [each.statement for each in findings if each.severity == "doubt"]
         notes = tuple(each.statement for each in findings)
@@ -195,13 +198,16 @@ def run_inference(
     bench: Bench,
     settings: Options = Options(),  # noqa: B008
     progress: Progress = no_progress,
+    drawer: Drawer = Drawer(),  # noqa: B008
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     found, events = _search_without_events(dataset, bench, settings, progress)
     if isinstance(found, Diagnosis):
         return DiagnosisResult(found, bench)
-    diagnosis, evidence = locate_error(found, judge(found))
+    evidence = evidence_of(found)
+    drawer.begin(found.held.gap, evidence)
+    diagnosis = locate_error(found, judge(found), evidence.maps)
     diagnosis, problem, x = learn_residual(found, diagnosis)
     progress(0.95, "writing it down")
     baseline = found.fitted.problem

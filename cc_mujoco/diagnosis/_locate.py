@@ -45,6 +45,7 @@ from cc_mujoco.diagnosis._verdict import (
     Where,
 )
 from cc_mujoco.diagnosis.effects._drive_effects import acceleration
+from cc_mujoco.estimation._least_squares import in_threads
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
@@ -94,7 +95,7 @@ def strongest_line(samples: Samples) -> PeriodicError | None:
         return None
     tried = sum(orders[name].size for name, _ in families)
     threshold = math.log(tried / Limit.false_alarm_rate)
-    peaks = [fit.peak(name, by, orders[name], threshold) for name, by in families]
+    peaks = in_threads(lambda own: fit.peak(*own, orders[own[0]], threshold), families)
     best = max(filter(None, peaks), key=lambda each: each.share, default=None)
     if best is None or best.share < Limit.min_error_share:
         return None
@@ -360,7 +361,8 @@ def _map(
         # A random shift along the axis, far from none and all.
         ends = [(e.size // 4, max(3 * e.size // 4, e.size // 4 + 1)) for e in before]
         shifts = [int(random.integers(*each)) for each in ends]
-        moved = sums([np.roll(e, by) for e, by in zip(before, shifts, strict=True)])
+        turned = zip(before, shifts, strict=True)
+        moved = sums([part for e, by in turned for part in (e[-by:], e[:-by])])
         shares.append(_share(moved, count, square))
         means.append(_means(moved, count))
     band = Limit.sigmas * np.std(np.nan_to_num(np.array(means)), axis=0)
@@ -403,8 +405,20 @@ def describe_map(drawn: Map) -> str:
     )
 
 
-def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
-    """Return the diagnosis with places, trials and question, and the evidence."""
+def evidence_of(found: Found) -> Evidence:
+    before, after = found.held.before, found.held.after
+    signs = found.search.signatures
+    table = np.array([[signature_cosine(a, b) for b in signs] for a in signs])
+    ids, visible = tuple(sign.id for sign in signs), [sign.visible for sign in signs]
+    table = table.reshape(len(signs), len(signs))
+    isolability = Isolability(ids, table, np.array(visible))
+    shown = _traces(found.problem, before, after)
+    drawn = error_maps(shown, found.fitted.settings.seed)
+    return Evidence(shown, drawn, isolability)
+
+
+def locate_error(found: Found, judged: Diagnosis, drawn: Sequence[Map]) -> Diagnosis:
+    """Return the diagnosis with places, trials and question; `drawn` are error maps."""
     fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
@@ -414,18 +428,10 @@ def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
     if found.by_trial and odd and odd.rest > Limit.max_explained_error:
         question = ""  # no single trial contradicts the others
     differences = TrialDifferences.of(*explaining, fitted.temperatures)
-    before, after = found.held.before, found.held.after
-    signs = found.search.signatures
-    table = np.array([[signature_cosine(a, b) for b in signs] for a in signs])
-    ids, visible = tuple(sign.id for sign in signs), [sign.visible for sign in signs]
-    table = table.reshape(len(signs), len(signs))
-    isolability = Isolability(ids, table, np.array(visible))
-    shown = _traces(found.problem, before, after)
-    drawn = error_maps(shown, fitted.settings.seed)
     places = error_places(found, drawn, differences)
-    errors = trials.trial_errors(fitted.problem, before, after, model)
-    located = replace(judged, where=places, trials=errors, question=question)
-    return located, Evidence(shown, drawn, isolability)
+    held = found.held.before, found.held.after
+    errors = trials.trial_errors(fitted.problem, *held, model)
+    return replace(judged, where=places, trials=errors, question=question)
 
 
 def error_places(

@@ -107,7 +107,7 @@ def test_an_axis_is_diagnosed_by_the_log_of_a_run_of_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its rotor, which takes part of the command that a log has, is what is missing."""
-    monkeypatch.setattr(output.drawings, "draw_figures", lambda *_: {})
+    monkeypatch.setattr(output.drawings, "save_figures", lambda *_: set())
     scene = written(tmp_path, ARM)
     times = np.arange(0.0, 7.0, 0.01)
     torques = 5.0 + 3.0 * np.sin(2.0 * times) + np.sin(7.3 * times)

@@ -1,14 +1,14 @@
 """Figures of the report; those without data are left out.
 
-with style():
-    for stem, drawing in draw_figures(diagnosis, evidence).items():
-        save(folder / f"{stem}.png", drawing)
+save_figures(folder, diagnosis, evidence)
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import combinations, product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,7 +26,17 @@ from cc_mujoco.diagnosis._verdict import (
     TrialTrace,
 )
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, figure
+from cc_mujoco.report._figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    figure,
+    save,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,13 +119,11 @@ def invisible_effects(isolability: Isolability) -> list[str]:
     return [name for name, visible in pairs if not visible >= Limit.min_visible_size]
 
 
-def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
-    """Draw cosines between effects, and each one's visibility; None without effects."""
+def draw_isolability(isolability: Isolability, width: float) -> Figure:
+    """Draw cosines between effects, and each one's visibility."""
     from matplotlib.colors import LinearSegmentedColormap
 
     count = len(isolability.ids)
-    if not count:
-        return None
     order = _cluster_order(isolability.cosines)
     cosines = isolability.cosines[np.ix_(order, order)]
     names = [words.effect_name(isolability.ids[k]).replace("$", r"\$") for k in order]
@@ -171,20 +179,37 @@ FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "learned", "isolabil
 """File names of all possible figures, without `.png`."""
 
 
-def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
+def figures(
+    diagnosis: Diagnosis, evidence: Evidence
+) -> dict[str, Callable[[], Figure]]:
+    """Return functions that draw the figures with data, by file name without `.png`."""
     both = model_changed(evidence)
-    found: dict[str, Figure | None] = {
-        "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
-        "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
-        "isolability": draw_isolability(evidence.isolability, 7.2),
-    }
-    if diagnosis.learned and diagnosis.learned.curves:
-        found["learned"] = draw_curves(diagnosis.learned.curves)
+    made: dict[str, Callable[[], Figure]] = {}
+    if diagnosis.gap:
+        made["gap"] = partial(draw_gap, diagnosis.gap)
+    if evidence.maps:
+        made["maps"] = partial(draw_maps, shown_maps(evidence), both)
     if shown := excerpts(evidence):
         most, usual = shown
-        found["traces"] = draw_excerpt(most, both)
-        found["traces_ordinary"] = draw_excerpt(usual, both) if most != usual else None
-    return {stem: one for stem in FIGURE_STEMS if (one := found.get(stem)) is not None}
+        made["traces"] = partial(draw_excerpt, most, both)
+        if most != usual:
+            made["traces_ordinary"] = partial(draw_excerpt, usual, both)
+    if diagnosis.learned and diagnosis.learned.curves:
+        made["learned"] = partial(draw_curves, diagnosis.learned.curves)
+    if evidence.isolability.ids:
+        made["isolability"] = partial(draw_isolability, evidence.isolability, 7.2)
+    return made
+
+
+def save_figures(folder: Path, diagnosis: Diagnosis, evidence: Evidence) -> set[str]:
+    """Write the figures that the folder lacks, and return the names of all."""
+    made = figures(diagnosis, evidence).items()
+    paths = {folder / f"{stem}.png": draw for stem, draw in made}
+    if rest := [path for path in paths if not path.exists()]:
+        with style():
+            for path in rest:
+                save(path, paths[path]())
+    return {path.name for path in paths}
 
 
 def ranked_maps(evidence: Evidence) -> list[Map]:

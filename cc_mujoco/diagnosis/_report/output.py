@@ -10,13 +10,10 @@ import os
 import platform
 import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from importlib.metadata import version
 from math import cos, sin
 from pathlib import Path
-from threading import Thread
 from typing import Any, NamedTuple
 
 import mujoco
@@ -40,6 +37,7 @@ from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._learn.residual import classes_of, file_text
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import drawings, sections
+from cc_mujoco.diagnosis._report.drawer import RECORDING_FILE, Drawer
 from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
 from cc_mujoco.diagnosis._scene import realisation
@@ -52,7 +50,6 @@ from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _html as html
-from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._html import Html
 from cc_mujoco.report._html import sections as page_sections
 
@@ -171,18 +168,22 @@ REPORT_PAGE = "report.html"
 
 
 def write_report(
-    folder: str | os.PathLike[str], diagnosis: Diagnosis, evidence: Evidence
+    folder: str | os.PathLike[str],
+    diagnosis: Diagnosis,
+    evidence: Evidence,
+    drawer: Drawer = Drawer(),  # noqa: B008
 ) -> None:
-    """Write `report.html` and its figures, all or none, and delete older figures."""
+    """Write `report.html` and its figures, all or none, and delete older figures.
+
+    What a `drawer` has drawn is moved to the folder.
+    """
     with replacing_folder(folder) as partial:
-        with style():
-            drawn = drawings.draw_figures(diagnosis, evidence)
-            for stem, drawing in drawn.items():
-                save(partial / f"{stem}.png", drawing)
+        drawer.finish(partial)
+        names = drawings.save_figures(partial, diagnosis, evidence)
         text = _page(diagnosis, evidence, partial)
         (partial / REPORT_PAGE).write_text(text, encoding="utf-8")
-    for stem in set(drawings.FIGURE_STEMS) - set(drawn):
-        (Path(folder) / f"{stem}.png").unlink(missing_ok=True)
+    for name in {*_FIGURES} - {*names}:
+        (Path(folder) / name).unlink(missing_ok=True)
 
 
 def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
@@ -250,7 +251,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
 
 SCENE_FILE, LEARNED_FILE = "scene.xml", "learned.py"
 _FIGURES = [f"{stem}.png" for stem in drawings.FIGURE_STEMS]
-OPTIONAL_FILES = (SCENE_FILE, LEARNED_FILE, "evidence.rrd", *_FIGURES)
+OPTIONAL_FILES = (SCENE_FILE, LEARNED_FILE, RECORDING_FILE, *_FIGURES)
 """Files that only some verdicts have."""
 
 
@@ -287,16 +288,6 @@ def _provenance(folder: Path) -> Mapping[str, Any] | None:
         return None
 
 
-def preload_drawing() -> None:
-    def load() -> None:
-        drawing = "matplotlib.backends.backend_agg", "matplotlib.figure"
-        for name in (*drawing, "cc_mujoco.diagnosis._report.recording"):
-            with suppress(Exception):  # reported where it is used
-                import_module(name)
-
-    Thread(target=load).start()
-
-
 def write(
     result: DiagnosisResult,
     dataset: Dataset,
@@ -304,13 +295,12 @@ def write(
     command: str,
     seed: int,
     effects: Sequence[str] = (),
+    drawer: Drawer = Drawer(),  # noqa: B008
 ) -> Diagnosis:
     """Write all results to a folder and return the diagnosis with its provenance.
 
     The verdict, which took a search, is written first, and stays if the rest fails.
     """
-    from cc_mujoco.diagnosis._report.recording import write_recording
-
     bench, trials, found = result.bench, dataset.trials, result.diagnosis
     known: dict[str, Any] = {
         "command": command,
@@ -350,10 +340,14 @@ def write(
                     problems = [f"{words.NO_SCENE_PREFIX}: {error}."]
                 noticed = (*diagnosis.problems, *problems)
                 diagnosis = replace(diagnosis, problems=noticed)
-                write_recording(place / "evidence.rrd", result.evidence)
             if (curves := diagnosis.learned) and curves.curves:
                 (place / LEARNED_FILE).write_text(file_text(curves), encoding="utf-8")
-            write_report(place, diagnosis, result.evidence)
+            write_report(place, diagnosis, result.evidence, drawer)
+            recording = place / RECORDING_FILE
+            if result.problem is not None and not recording.exists():
+                from cc_mujoco.diagnosis._report.recording import write_recording
+
+                write_recording(recording, result.evidence)
             diagnosis.write(place / VERDICT_FILE)
             there = {file.name for file in place.iterdir()}
     except CableError as error:

@@ -15,7 +15,6 @@ derivatives share it; changes of sensors or outer loads need no replay.
 """
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -413,22 +412,23 @@ def agonist_less_antagonist(tension: FloatArray) -> FloatArray:
     return np.array([1.0, -1.0])[: len(tension)] @ tension
 
 
-REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
+REPLAYS: WeakKeyDictionary[Record, dict[Setting, Played]] = WeakKeyDictionary()
 """Cached replays, of every record the last `Limit.max_replays`."""
 _LOCK = Lock()
 
 
 def cached_replay(record: Record, setting: Setting) -> Played:
     with _LOCK:
-        kept = REPLAYS.setdefault(record, OrderedDict())
-        if setting in kept:
-            kept.move_to_end(setting)
-            return kept[setting]
+        kept = REPLAYS.setdefault(record, {})
+        found = kept.pop(setting, None)  # to the end
+        if found is not None:
+            kept[setting] = found
+            return found
     found = replay(record, setting)
     with _LOCK:
         kept[setting] = found
         if len(kept) > Limit.max_replays:
-            kept.popitem(last=False)
+            del kept[next(iter(kept))]
     return found
 
 

@@ -16,15 +16,15 @@ from cc_mujoco.diagnosis._report.drawings import (
     FIGURE_STEMS,
     confounded_pairs,
     draw_excerpt,
-    draw_figures,
     draw_isolability,
     excerpts,
+    figures,
     invisible_effects,
     model_changed,
     shown_maps,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Evidence, Isolability, TrialTrace
+from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, Isolability, TrialTrace
 from cc_mujoco.report import style
 from diagnosis.report_examples import (
     DIAGNOSES,
@@ -37,10 +37,14 @@ from diagnosis.report_examples import (
 )
 
 
+def draw_figures(diagnosis: Diagnosis, shown: Evidence) -> dict[str, Figure]:
+    with style():
+        return {stem: draw() for stem, draw in figures(diagnosis, shown).items()}
+
+
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, Figure]:
-    with style():
-        return draw_figures(DIAGNOSES["named"], evidence())
+    return draw_figures(DIAGNOSES["named"], evidence())
 
 
 def panels(drawing: Figure) -> list[Axes]:
@@ -73,8 +77,7 @@ def test_gap_bars_are_as_long_as_the_errors(drawn: dict[str, Figure]) -> None:
 
 
 def test_a_model_that_did_not_change_is_drawn_once() -> None:
-    with style():
-        drawn = draw_figures(DIAGNOSES["tie"], evidence(closed=False))
+    drawn = draw_figures(DIAGNOSES["tie"], evidence(closed=False))
     assert not model_changed(evidence(closed=False))
     assert len(panels(drawn["gap"])[0].patches) == 2
     assert legend(panels(drawn["traces"])[0]) == ["measured", "simulation"]
@@ -82,8 +85,7 @@ def test_a_model_that_did_not_change_is_drawn_once() -> None:
 
 
 def test_nothing_is_drawn_of_nothing() -> None:
-    with style():
-        assert draw_figures(DIAGNOSES["fix-data"], NOTHING) == {}
+    assert figures(DIAGNOSES["fix-data"], NOTHING) == {}
 
 
 def test_maps_beyond_chance_come_first_and_alone() -> None:
@@ -137,8 +139,7 @@ def test_stretches_of_one_trial_may_differ_in_length() -> None:
     one, other = trace("a", 20.0, True), trace("a", 9.0, True, seed=1)
     hit = {k: v + 5.0 * (one.time > 15.0) for k, v in one.measured.items()}
     parts = Evidence((replace(one, measured=hit), other), (), isolability())
-    with style():
-        drawings = draw_figures(DIAGNOSES["named"], parts)
+    drawings = draw_figures(DIAGNOSES["named"], parts)
     assert {"traces", "traces_ordinary"} <= set(drawings)
 
 
@@ -207,6 +208,5 @@ def test_few_effects_can_be_drawn(count: int) -> None:
 
 def test_global_state_is_left_alone() -> None:
     sys.modules.pop("matplotlib.pyplot", None)
-    with style():
-        draw_figures(DIAGNOSES["none"], evidence(False))
+    draw_figures(DIAGNOSES["none"], evidence(False))
     assert "matplotlib.pyplot" not in sys.modules

@@ -3,8 +3,6 @@
 Figures show error against effort, over the gait cycle, and by condition.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Mapping
@@ -142,7 +140,7 @@ def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
     return head, rows
 
 
-def pareto(own: DeviceResults) -> Figure:
+def pareto(own: DeviceResults) -> "Figure":
     errors, looks = own.errors, _line_styles(own.errors)
     costs = {
         "rms_motor_torque": "effort: RMS torque of the motor [N m]",
@@ -180,7 +178,7 @@ def pareto(own: DeviceResults) -> Figure:
     return drawing
 
 
-def cycle(own: DeviceResults) -> Figure:
+def cycle(own: DeviceResults) -> "Figure":
     """Draw the RMS error over gait phase or, without a gait, since a reversal [s]."""
     looks = _line_styles(own.rms)
     shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
@@ -210,7 +208,7 @@ def cycle(own: DeviceResults) -> Figure:
     return drawing
 
 
-def robustness(own: DeviceResults) -> Figure:
+def robustness(own: DeviceResults) -> "Figure":
     """Draw the normalised error by condition (rows) and controller (columns).
 
     Colours are logarithmic around 1, the error of `none`.
@@ -242,7 +240,7 @@ def robustness(own: DeviceResults) -> Figure:
     return drawing
 
 
-def _figure_for_phone(height: float) -> Figure:
+def _figure_for_phone(height: float) -> "Figure":
     return figure(4.9, height)  # wide [inch]: legible at 390 pixels
 
 

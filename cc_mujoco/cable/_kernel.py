@@ -18,6 +18,7 @@ the stretch of the cable at all times.
 
 import numpy as np
 
+from cc_mujoco.cable import _coefficients as coefficients
 from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
@@ -29,12 +30,6 @@ from cc_mujoco.cable import _pre_step as before
 from cc_mujoco.cable._chain_solve import Chain, lay_evenly
 from cc_mujoco.cable._coefficients import POSITION as POSITION
 from cc_mujoco.cable._coefficients import TENSION as TENSION
-from cc_mujoco.cable._coefficients import (
-    commit,
-    friction_holds,
-    update_viscosity,
-    write_coefficients,
-)
 from cc_mujoco.cable._coefficients import written_size as written_size
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._fronts import CoulombChain, march, repeat_slip
@@ -212,7 +207,7 @@ def begin_step(
     )  # fmt: skip
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
-        quick = friction_holds(n, chain)
+        quick = coefficients.friction_holds(n, chain)
         follows = lengthens or yielding or before.seats_anew(prm)
         if quick and still and not follows:
             _stick_all(n, new_state)
@@ -265,7 +260,7 @@ def solve_step(
     if is_curved:
         stiffness = nonlinear_elasticity.tangent_stiffness(prm, n, tension, work)
     for _ in range(60 if is_curved or greased else 1):
-        write_coefficients(prm, n, step, tension)
+        coefficients.write_coefficients(prm, n, step, tension)
         proximal_p, proximal_q = _end_relation(
             proximal_kind, step.proximal, -proximal_moved, tension[0], stiffness[0]
         )
@@ -278,7 +273,7 @@ def solve_step(
             at.row(work, n, at.VISCOSITY), proximal_p, proximal_q, distal_p, distal_q,
         )  # fmt: skip
         _solve(prm, n, step, chain, node)
-        settled = not greased or update_viscosity(prm, n, step, node)
+        settled = not greased or coefficients.update_viscosity(prm, n, step, node)
         if is_curved and not nonlinear_elasticity.relinearize(
             prm, n, step, tension, proximal_kind == TENSION, distal_kind == TENSION
         ):
@@ -295,7 +290,7 @@ def finish_step(
     state, new_state = step.state, step.new_state
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     tension = _tension_to_move(prm, n, step)
-    commit(prm, n, tension, proximal_kind, distal_kind, step)
+    coefficients.commit(prm, n, tension, proximal_kind, distal_kind, step)
     if before.loses_stretch(prm):
         new_state[2] += before.heat_of_losses(prm, n, step)
     if yield_proximal > 0.0 or yield_distal > 0.0:

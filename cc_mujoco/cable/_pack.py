@@ -5,14 +5,9 @@
 
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _mesh as mesh
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._mesh import (
-    lay_segments,
-    measure_conduit,
-    segment_wraps,
-    share_clearance,
-)
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 
@@ -114,12 +109,12 @@ def pack(values: FloatArray, sections: FloatMatrix, n: int, out: FloatArray) -> 
     `values` are in the order of `PARAMETERS`, `sections` (m, 4) those of the cable,
     proximal to distal.
     """
-    total, _, even = measure_conduit(sections)
+    total, _, even = mesh.measure_conduit(sections)
     contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
     edges = lengths  # until the segments have their lengths
-    lay_segments(sections, n, edges)
-    segment_wraps(sections, edges, at.segment_angles(out, n))
-    share_clearance(
+    mesh.lay_segments(sections, n, edges)
+    mesh.segment_wraps(sections, edges, at.segment_angles(out, n))
+    mesh.share_clearance(
         sections, edges, at.segment_angles(out, n), at.clearance_factors(out, n),
         at.seating_factors(out, n),
     )  # fmt: skip

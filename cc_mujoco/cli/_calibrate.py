@@ -1,7 +1,5 @@
 """`cc-mujoco calibrate`: fit the hysteresis parameters of position controllers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -70,7 +68,7 @@ class Calibrate:
         print(f"wrote {out}: commands read it as SCENE{HYSTERESIS_ENDING}.")
 
 
-def _measured_angles(path: Path) -> tuple[FloatArray, FloatArray]:
+def _measured_angles(path: Path) -> "tuple[FloatArray, FloatArray]":
     from cc_mujoco._utils import tables
     from cc_mujoco._utils.units import ANGLE, CLOCK
 

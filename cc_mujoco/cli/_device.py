@@ -1,7 +1,5 @@
 """`cc-mujoco device`: report on a device, and a description file to complete it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -49,7 +47,7 @@ class ShowDevice:
         print(f"\nwrote {out}: edit it, {_use(device, out)}.")
 
 
-def _use(device: Device, out: Path) -> str:
+def _use(device: "Device", out: Path) -> str:
     from cc_mujoco.device._description import ENDING
 
     if device.path is None:

@@ -1,7 +1,5 @@
 """`cc-mujoco list`: names that other commands accept, such as devices and metrics."""
 
-from __future__ import annotations
-
 import difflib
 import inspect
 import re
@@ -148,7 +146,7 @@ def _wrapped(first: str, text: str, later: str = "  ") -> str:
     )  # fmt: skip
 
 
-def _plays(device: Device) -> str:
+def _plays(device: "Device") -> str:
     from cc_mujoco._utils.user_code import without_mark
 
     about = device.description
@@ -159,7 +157,7 @@ def _plays(device: Device) -> str:
     return f"{about.meaning}; plays {without_mark(played)}"
 
 
-def _parts(device: Device) -> dict[str, dict[str, str]]:
+def _parts(device: "Device") -> dict[str, dict[str, str]]:
     about = device.description
     return {
         f"axes of {device.name}": {
@@ -183,7 +181,7 @@ def _summaries(registry: Mapping[str, object]) -> dict[str, str]:
     return {name: text.partition("\n")[0] for name, text in lines.items()}
 
 
-def _with_units(registry: Mapping[str, Metric | Parameter]) -> dict[str, str]:
+def _with_units(registry: "Mapping[str, Metric | Parameter]") -> dict[str, str]:
     return {
         name: entry.meaning + ("" if entry.unit == "1" else f" [{entry.unit}]")
         for name, entry in registry.items()

@@ -7,22 +7,17 @@ import math
 
 import numpy as np
 
+from cc_mujoco.control import _controller as controller
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as laws
 from cc_mujoco.control._cable_model import cable_table, joint_spring
-from cc_mujoco.control._controller import (
-    LawTables,
-    SteppedController,
-    SteppedLaw,
-    total_delay,
-)
 from cc_mujoco.control._feedback import loop_gains, require_known_motor
 from cc_mujoco.control._law_steps import LACK, LOAD, SPEED, STATES, STRETCH, Design
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
 
-class _KnownMotor(SteppedController):
+class _KnownMotor(controller.SteppedController):
     fixed = frozenset({"ratio", "period", "one_way", "inertia"})
     """Gains that the tables depend on."""
 
@@ -48,13 +43,13 @@ class BacklashInverse(_KnownMotor):
     Mechatronics 24, 2014, applied to a torque.
     """
 
-    stepped = SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)
+    stepped = controller.SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)
     # Free numbers, see `scripts/benchmarks/tune_baselines.py`.
     delay_share, max_bandwidth, integral_share = 0.2, 200.0, 1.2
 
-    def law_tables(self) -> LawTables:
+    def law_tables(self) -> controller.LawTables:
         drive = self.drive
-        stiffness, late = self.spring[guard.STIFFNESS], total_delay(drive)
+        stiffness, late = self.spring[guard.STIFFNESS], controller.total_delay(drive)
         # Of the motor's position [rad/s].
         bandwidth = min(self.delay_share / late, self.max_bandwidth)
         noise = laws.BAND_SIGMAS * drive.torque_noise / stiffness
@@ -68,7 +63,7 @@ class BacklashInverse(_KnownMotor):
         )
         cables = cable_table(drive.cables, self.limits)
         first = laws.OWN_MEMORY + guard.LIMITS + len(gains)
-        return LawTables(
+        return controller.LawTables(
             cables.shape,
             tuple(np.concatenate([gains, self.spring, cables.ravel()]).tolist()),
             first + laws.INVERSE_GUARD + guard.MEMORY_SIZE,
@@ -93,7 +88,7 @@ class LinearQuadraticGaussian(_KnownMotor):
     IEEE/ASME Trans. Mechatronics 1, 1996.
     """
 
-    stepped = SteppedLaw(laws.step_gaussian, fixed=_KnownMotor.fixed)
+    stepped = controller.SteppedLaw(laws.step_gaussian, fixed=_KnownMotor.fixed)
     # Free numbers, tuned likewise: weights of the motor's torque, of cables that pull
     # both ways and of a single one; random walks in a second, over the greatest torque.
     effort, single_effort, load_walk, lack_walk = 1.0, 0.4, 0.2, 0.5
@@ -105,13 +100,13 @@ class LinearQuadraticGaussian(_KnownMotor):
             self.design, slip = _design(self, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
         self._own_gains = laws.GaussianGains(release, slip)
-        self._late = round(total_delay(drive) / drive.period - 0.5)
+        self._late = round(controller.total_delay(drive) / drive.period - 0.5)
 
-    def law_tables(self) -> LawTables:
+    def law_tables(self) -> controller.LawTables:
         numbers = np.array(self._own_gains), self.spring, *map(np.ravel, self.design)
         first = laws.OWN_MEMORY + guard.LIMITS + len(self._own_gains)
         size = laws.HEADER + STATES + self._late
-        return LawTables(
+        return controller.LawTables(
             (size,),
             tuple(np.concatenate(numbers).tolist()),
             first + size + 2 * STATES,

@@ -47,6 +47,7 @@ STEPS = (
     planner_steps.step_sensed,
 )  # fmt: skip
 """Every compiled step; its index is the `place` of `step`."""
+_NUMBERED_STEPS = tuple(enumerate(STEPS))
 
 
 class Controller(ABC):
@@ -180,25 +181,10 @@ def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray
 @internal
 def step(place: int, data: LawData) -> float:
     """Return the motor torque of a law's next step [N m]; `place` indexes `STEPS`."""
-    if place == 0:
-        return law_steps.step_forward(data)
-    if place == 1:
-        return law_steps.step_proportional_integral(data)
-    if place == 2:
-        return law_steps.step_tuned(data)
-    if place == 3:
-        return law_steps.step_inverse(data)
-    if place == 4:
-        return law_steps.step_gaussian(data)
-    if place == 5:
-        return law_steps.step_model_based(data)
-    if place == 6:
-        return law_steps.step_stiction(data)
-    if place == 7:
-        return law_steps.step_disturbance(data)
-    if place == 8:
-        return planner_steps.step_plan(data)
-    return planner_steps.step_sensed(data)
+    for index, law in _NUMBERED_STEPS:
+        if place == index:
+            return law(data)
+    return 0.0
 
 
 @compiled

@@ -25,15 +25,9 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.cable._mesh import SECTION_SIZE
 from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.control import _cable_model as cable_model
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import (
-    add_preload,
-    follow,
-    full_slip_balance,
-    motor_torque,
-    set_stiffness,
-)
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.native import (
     FloatArray,
@@ -257,10 +251,10 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         values = part(parameters, first + 2, SCALARS)
         bends = rows_of(parameters, first + 2 + SCALARS, sections, SECTION_SIZE)
         kernel.pack(values, bends, cables.n[k], cables.prm[k])
-        add_preload(values, bends, cables.distal[k], spring)
+        cable_model.add_preload(values, bends, cables.distal[k], spring)
         first += 2 + SCALARS + SECTION_SIZE * sections
     limits = guard.limits_of(part(memory, GAINS, CABLES - GAINS))
-    set_stiffness(cables, guard.largest_torque(limits), spring)
+    cable_model.set_stiffness(cables, guard.largest_torque(limits), spring)
 
 
 @internal
@@ -382,7 +376,7 @@ def follow_model(data: LawData) -> None:
         for i in range(places(data.sizes)[1], memory.size):
             memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
-    memory[JOINT_ANGLE] = follow(
+    memory[JOINT_ANGLE] = cable_model.follow(
         own, seen[guard.MOTOR], seen[guard.TORQUE], memory[JOINT_ANGLE],
         memory[GAINS + guard.PERIOD],
     )  # fmt: skip
@@ -397,7 +391,9 @@ def model_torque(data: LawData, kind: int) -> float:
     lacking = 0.0
     if kind == DISTURBANCE:
         known = part(data.memory, places(data.sizes)[1], LACK_SIZE)
-        lacking = _learn_lack(data.tables[0], motor_torque(own), law.memory, known)
+        lacking = _learn_lack(
+            data.tables[0], cable_model.motor_torque(own), law.memory, known
+        )
     velocity, desired = law.seen[guard.JOINT_SPEED], law.seen[guard.DESIRED]
     feedforward = compensation.dynamic(own, velocity, desired) + lacking
     return _guarded(law, feedforward, desired - law.seen[guard.TORQUE], True)
@@ -510,7 +506,7 @@ def step_tuned(data: LawData) -> float:
         # The smooth sense in which the motor has to turn.
         sense = np.tanh((seen[guard.JOINT_SPEED] + stretching) / tables[1])
         cables = rows_of(tables, 4, data.sizes[0], data.sizes[1])
-        ahead = full_slip_balance(cables, tables[0] * sense, desired)[0]
+        ahead = cable_model.full_slip_balance(cables, tables[0] * sense, desired)[0]
     off = seen[guard.TORQUE] - desired
     noise = _noise(period, signals, seen[guard.TORQUE])
     width = tables[2] * max(noise, tables[3]) - 0.5 * abs(desired)
@@ -610,7 +606,7 @@ def step_inverse(data: LawData) -> float:
     joint = seen[guard.JOINT] - memory[_JOINT_0] + tuned.late * speed
     motor = seen[guard.MOTOR] - memory[_MOTOR_0] + tuned.late * seen[guard.MOTOR_SPEED]
     sense = _turn(memory, joint + desired / stiffness, tuned.band)
-    balance, stretch = full_slip_balance(cables, sense, desired)
+    balance, stretch = cable_model.full_slip_balance(cables, sense, desired)
     relative = ratio * (stretch + memory[_ANGLE_OFFSET])
     error = (desired - seen[guard.TORQUE]) / stiffness
     torque = balance + tuned.position * (relative + ratio * joint - motor)

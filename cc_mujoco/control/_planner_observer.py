@@ -10,16 +10,10 @@ the model does not explain.
 import numpy as np
 
 from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _root as root
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._layout import (
-    CONSTANT_COULOMB,
-    scalars,
-    segment_angles,
-    slips,
-    tensions,
-)
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as at
 from cc_mujoco.control._planner_memory import Planner
@@ -123,7 +117,9 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
     for k in range(cables.n.size):
         prm = cables.prm[k]
         prm[PLACE.bristle_length] = bristles * abs(cables.distal[k])
-        prm[CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(scalars(prm)) else 0.0
+        prm[layout.CONSTANT_COULOMB] = (
+            1.0 if law.is_constant_coulomb(layout.scalars(prm)) else 0.0
+        )
 
 
 @internal
@@ -328,7 +324,7 @@ def learn(planner: Planner, state: FloatMatrix) -> None:
     sensitivity = 0.0
     for k in range(cables.n.size):
         n = cables.n[k]
-        slip = slips(state[k], n)
+        slip = layout.slips(state[k], n)
         sign = np.sign(slip[0])
         for j in range(n):
             if slip[j] * sign <= 0.0:
@@ -347,7 +343,7 @@ def learn(planner: Planner, state: FloatMatrix) -> None:
     rate /= least**2 + sensitivity
     low, high = np.log(0.2), np.log(3.0)  # of the factor of friction
     for k in range(cables.n.size):
-        sign = np.sign(slips(state[k], cables.n[k])[0])
+        sign = np.sign(layout.slips(state[k], cables.n[k])[0])
         factor = memory[at.FRICTION + k] - rate * _load_slope(cables, k, state[k], sign)
         memory[at.FRICTION + k] = min(max(factor, low), high)
 
@@ -358,8 +354,8 @@ def _load_slope(
 ) -> float:
     """Return the motor load's derivative by the log of friction of cable k [N m]."""
     n, wrap = cables.n[k], 0.0
-    angles = segment_angles(cables.prm[k], n)
+    angles = layout.segment_angles(cables.prm[k], n)
     for j in range(n):
         wrap += angles[j]
-    pull = cables.proximal[k] * sign * max(tensions(state, n)[0], 0.0)
+    pull = cables.proximal[k] * sign * max(layout.tensions(state, n)[0], 0.0)
     return float(pull * (cables.prm[k, PLACE.friction] * wrap))

@@ -32,14 +32,9 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.control import _controller as controller
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring, stepper_cables
-from cc_mujoco.control._controller import (
-    Controller,
-    motor_limits,
-    readings,
-    total_delay,
-)
 from cc_mujoco.control._hysteresis import MODELS, HysteresisTrial, Line
 from cc_mujoco.control._rollout import joint_torque
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -52,7 +47,7 @@ FITTED = (*MODELS, "cable_inverse")
 BANDWIDTH = 150.0  # bandwidth of the servo without delay [rad/s]
 
 
-class PositionController(Controller):
+class PositionController(controller.Controller):
     r"""Motor angle for each desired joint angle, held by a servo.
 
     \[ \tau_m = J \omega^2 \Bigl( e + \tfrac{\omega}{5} \int e \, dt \Bigr)
@@ -82,7 +77,7 @@ class PositionController(Controller):
                 f"is {drive.inertia:g} kg m^2."
             )
         # The servo's bandwidth times the delay of the loop is at most 0.4 rad.
-        self.bandwidth = min(bandwidth, 0.4 / total_delay(drive))
+        self.bandwidth = min(bandwidth, 0.4 / controller.total_delay(drive))
         most = min(abs(drive.low) or math.inf, abs(drive.high) or math.inf)
         # A quarter of the motor's torque is used to follow a change of rate.
         self._acceleration = 0.25 * most / drive.inertia
@@ -109,7 +104,7 @@ class PositionController(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         names = REFERENCE_COLUMN, "motor_angle_rad", "motor_velocity_rad_s"
-        reference, angle, velocity = readings(observation, names).T
+        reference, angle, velocity = controller.readings(observation, names).T
         count = reference.size
         if self._rows != count:
             self._rows, self._fresh = count, np.ones(count, dtype=np.bool_)
@@ -120,7 +115,7 @@ class PositionController(Controller):
             self._start[fresh] = angle[fresh]
             self._memory[:, fresh] = 0.0
             if self.drive.joint_sensor:
-                (joint,) = readings(observation, ["joint_angle_rad"]).T
+                (joint,) = controller.readings(observation, ["joint_angle_rad"]).T
                 self.joint_start[fresh] = joint[fresh]
             self.begin(np.flatnonzero(fresh), count)
         wanted = self.motor_angle(reference - self.joint_start, observation)
@@ -347,7 +342,7 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
     every = max(1, trial.joint_angle.size // 500)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
     weights = HysteresisTrial(motor, joint).weights
-    cables = joint_spring(drive.cables, motor_limits(drive))[guard.STIFFNESS]
+    cables = joint_spring(drive.cables, controller.motor_limits(drive))[guard.STIFFNESS]
 
     def parameters(logs: Array) -> CableParameters:
         friction, pretension, spring = np.exp(np.clip(logs, -6.0, 4.0)).tolist()

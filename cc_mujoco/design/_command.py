@@ -1,7 +1,5 @@
 """`cc-mujoco whatif`: simulate many designs of a transmission, and rank them."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import sys
@@ -103,7 +101,7 @@ class WhatIf:
             print(f"          {path}")
         print(f"one row:  cc-mujoco whatif-show {folder} ROW")
 
-    def _plan(self) -> tuple[Plan, Path]:
+    def _plan(self) -> "tuple[Plan, Path]":
         """Return the plan, and the folder, checked to accept its results."""
         from cc_mujoco.device._device_files import locate
 

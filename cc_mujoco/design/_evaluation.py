@@ -37,12 +37,7 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import METRICS, ArrayLog, measure
-from cc_mujoco.metrics._formulas import (
-    CHIRP_HIGH,
-    CHIRP_LOW,
-    SWING_PERIODS,
-    first_unsafe_sample,
-)
+from cc_mujoco.metrics import _formulas as formulas
 from cc_mujoco.metrics._metric import Key, Test
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended_together, play
@@ -83,7 +78,7 @@ class SineTorque(Task):
         return torque
 
     def _turn(self, phase: Any) -> Any:
-        return 2.0 * math.pi * SWING_PERIODS * phase
+        return 2.0 * math.pi * formulas.SWING_PERIODS * phase
 
 
 @dataclass(frozen=True)
@@ -91,8 +86,8 @@ class ChirpTorque(SineTorque):
     """Desired torque whose frequency grows exponentially with the phase."""
 
     def _turn(self, phase: Any) -> Any:
-        octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
-        cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
+        octaves = math.log(formulas.CHIRP_HIGH / formulas.CHIRP_LOW)
+        cycles = formulas.CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
         return 2.0 * math.pi * cycles
 
 
@@ -231,7 +226,7 @@ class _Scores:
         for axis, prefix in zip(played.axes, played.prefixes, strict=True):
             torque = played.columns[f"{prefix}joint_torque_nm"][row]
             safe, period = axis.safe_torque, float(time[1] - time[0])
-            first = first_unsafe_sample(torque, safe, period)
+            first = formulas.first_unsafe_sample(torque, safe, period)
             if first is not None:
                 where = f" of axis {axis.name}" if prefix else ""
                 assumed = "assumed " if axis.safe_is_assumed else ""
@@ -311,7 +306,7 @@ def episodes(
     if needed & {"backlash", "bandwidth"}:
         held, swings, chirps = _held_episode(main, Plant(protocol.device).model())
     slow, unpowered = (
-        SWING_PERIODS * SWING_TIME,
+        formulas.SWING_PERIODS * SWING_TIME,
         dataclasses.replace(held, controller="none"),
     )
     tests: dict[Test, Episode] = {

@@ -9,8 +9,6 @@ scatter of indices of surfaces through random halves of the designs. An index be
 error is 0.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import itertools
@@ -47,13 +45,13 @@ class Surface:
     r_squared: float  # share of the variance explained in cross-validation
 
     @cached_property
-    def _fitted(self) -> RBFInterpolator:
+    def _fitted(self) -> "RBFInterpolator":
         return _spline(self.x[:, self.active], self.y, self.smoothing)
 
     def __call__(self, x: Array) -> Array:
         return np.asarray(self._fitted(x[:, self.active]))
 
-    def halves(self, count: int) -> Iterator[Surface]:
+    def halves(self, count: int) -> "Iterator[Surface]":
         """Yield up to `count` surfaces through random halves that have a spline."""
         rng = np.random.default_rng(1)
         for _ in range(count):
@@ -316,7 +314,7 @@ def _left_out_errors(x: Array, y: Array, smoothing: float) -> Array:
     return error**2
 
 
-def _spline(x: Array, y: Array, smoothing: float) -> RBFInterpolator:
+def _spline(x: Array, y: Array, smoothing: float) -> "RBFInterpolator":
     from scipy.interpolate import RBFInterpolator
 
     return RBFInterpolator(x, y, smoothing=smoothing, kernel="thin_plate_spline")

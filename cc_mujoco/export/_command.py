@@ -1,7 +1,5 @@
 """`cc-mujoco export`: a controller as C99."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass
@@ -126,7 +124,7 @@ class Export:
         write_onnx(self.controller, path)
         print(path)
 
-    def _require_passive(self, device: Device, places: list[int]) -> list[str]:
+    def _require_passive(self, device: "Device", places: list[int]) -> list[str]:
         print(
             "simulating 24 passive wearers of each axis once, for minutes where the "
             "controller plans; --no-check leaves that out",

@@ -19,20 +19,12 @@ from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.control import CONTROLLERS, Policy, PredictiveCompensation
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control import _policy as policies
 from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._law_steps import (
-    OWN_MEMORY,
-    LawData,
-    begun,
-    part,
-    rows_of,
-    tables_of,
-    whole_part,
-)
 from cc_mujoco.control._network import WIDTHS, PackedNetwork, shares_of
 from cc_mujoco.device import _observation as observation
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -55,24 +47,24 @@ last action; that action. Then measurements, plays, earlier frames and scratch."
 
 
 @internal
-def step_policy(data: LawData) -> float:
+def step_policy(data: law_steps.LawData) -> float:
     memory, shape, tables, readings = data
     columns, history, plays = shape[_COLUMNS], shape[_HISTORY], shape[_PLAYS]
-    gains, spring, law, _ = begun(data, policies.GAINS, _POLICY_SIZE, 0)
-    first = OWN_MEMORY + policies.GAINS + _POLICY_SIZE
+    gains, spring, law, _ = law_steps.begun(data, policies.GAINS, _POLICY_SIZE, 0)
+    first = law_steps.OWN_MEMORY + policies.GAINS + _POLICY_SIZE
     place = policies.GAINS - guard.LIMITS + guard.SPRING_SIZE  # of `Past.ratio`
-    measured = part(memory, first, columns)
+    measured = law_steps.part(memory, first, columns)
     measured[:] = readings[:columns]
     wound = len(WINDING_COLUMNS) if shape[_IS_WOUND] != 0 else 0
     guarded = guard.Guarded(gains, spring, law)
-    policies.admit_measured(guarded, measured, part(readings, columns, wound))
+    policies.admit_measured(guarded, measured, law_steps.part(readings, columns, wound))
     past = observation.Past(
         tables[place],
-        part(tables, place + 1, columns),
-        part(tables, place + 1 + columns, plays),
-        rows_of(memory, first, 1, columns),
-        rows_of(memory, first + columns, 1, plays),
-        tables_of(memory, first + columns + plays, 1, history, columns + 1),
+        law_steps.part(tables, place + 1, columns),
+        law_steps.part(tables, place + 1 + columns, plays),
+        law_steps.rows_of(memory, first, 1, columns),
+        law_steps.rows_of(memory, first + columns, 1, plays),
+        law_steps.tables_of(memory, first + columns + plays, 1, history, columns + 1),
     )
     if law[guard.STARTED] != 0.0:
         if law[_BEGUN] == 0.0:
@@ -84,13 +76,15 @@ def step_policy(data: LawData) -> float:
             scratch = first + columns + plays + history * (columns + 1)
             place, widest = place + 1 + columns + plays, 0
             net = PackedNetwork(
-                whole_part(shape, _NETWORK, shape.size - _NETWORK),
-                part(tables, place, tables.size - place),
+                law_steps.whole_part(shape, _NETWORK, shape.size - _NETWORK),
+                law_steps.part(tables, place, tables.size - place),
             )
             for i in range(WIDTHS, net.sizes.size):
                 widest = max(widest, net.sizes[i])
-            work = rows_of(memory, scratch, 2, widest)
-            observation.write_observation(past, rows_of(memory, scratch, 1, widest), 0)
+            work = law_steps.rows_of(memory, scratch, 2, widest)
+            observation.write_observation(
+                past, law_steps.rows_of(memory, scratch, 1, widest), 0
+            )
             law[_SHARE] = np.float32(work[shares_of(net, work), 0])
             observation.act_past(past, 0, law[_SHARE])
         law[_SAMPLE] += 1.0
@@ -124,7 +118,7 @@ class SteppedPolicy(Policy):
         observed = [past.ratio], past.units, past.reach
         numbers = axis.gains[guard.LIMITS :], axis.spring, *observed, net.numbers
         counts = own.frame, own.hold, own.history, past.reach.size, int(axis.is_wound)
-        first = OWN_MEMORY + policies.GAINS
+        first = law_steps.OWN_MEMORY + policies.GAINS
         size = past.measured.size + past.plays.size + past.frames.size
         size += first + _POLICY_SIZE + 2 * int(net.sizes[WIDTHS:].max())
         shape, given = (*counts, *net.sizes.tolist()), (first + guard.COMMAND,)

@@ -7,8 +7,6 @@ Some interfaces can open a bus only once, so all rigs share the open one; a fram
 is read goes to the port of its identifier.
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib.util
 import logging
@@ -35,9 +33,9 @@ NETWORK_FOLDER = Path("/sys/class/net")
 class _SharedBus:
     """Open bus, with the received frames of each of its ports."""
 
-    bus: can.BusABC
+    bus: "can.BusABC"
     fd: bool  # true if it was opened as one of CAN FD
-    waiting: dict[int, deque[can.Message]] = field(default_factory=dict)
+    waiting: "dict[int, deque[can.Message]]" = field(default_factory=dict)
     """Frames by identifier; some ports hear several."""
 
 
@@ -81,7 +79,7 @@ class CanPort:
         self._waiting.update(dict.fromkeys(self._identifiers, self._own))
         self._failure_counts = {"sent to": 0, "read from": 0}
 
-    def receive(self) -> can.Message | None:
+    def receive(self) -> "can.Message | None":
         """Return the next frame, or None if there is none; see `Connection`."""
         if self._own:
             return self._own.popleft()
@@ -135,7 +133,7 @@ class CanPort:
         except self._errors:  # of a device that was pulled out, say
             self.ignored["not closed"] += 1
 
-    def _open(self, place: CanPlace) -> can.BusABC:
+    def _open(self, place: CanPlace) -> "can.BusABC":
         library, where, fd = self._can, self.where, self._fd
         if place.interface not in library.VALID_INTERFACES:
             raise CableError.unknown(

@@ -12,8 +12,6 @@ Calculation" (crc) and the control table of the XH430-W350 (x/xh430-w350). Servo
 another unit of current (XC330, XL330) or table (XL320, P, PRO) are not supported.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time
@@ -221,7 +219,7 @@ class Dynamixel:
         ) from error
 
 
-def _open_port(port: str, baud_rate: int) -> serial.Serial:
+def _open_port(port: str, baud_rate: int) -> "serial.Serial":
     library = import_extra("serial", "a Dynamixel servo needs pyserial", "serial")
     try:
         made: serial.Serial = library.Serial(

@@ -4,8 +4,6 @@ A type is the same for every call: `float`, `int`, `bool`, an array of one or tw
 dimensions, or a named tuple or tuple of these.
 """
 
-from __future__ import annotations
-
 import ast
 import ctypes
 import inspect
@@ -61,10 +59,10 @@ class Structure:
     """
 
     name: str
-    fields: tuple[tuple[str, Kind], ...]
+    fields: "tuple[tuple[str, Kind], ...]"
     is_pointer: bool = False
 
-    def kind_of(self, field: str) -> Kind:
+    def kind_of(self, field: str) -> "Kind":
         return dict(self.fields)[field]
 
 

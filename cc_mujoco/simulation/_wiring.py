@@ -10,8 +10,6 @@ Environments, batches and compiled episodes read an axis by the same function,
 `device._axis_record.read_axis`, so that their results are bit-identical.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -56,7 +54,7 @@ class Wiring:
     """Addresses of controls, readings and scripts of n devices of equal layout."""
 
     def __init__(
-        self, exo: WornDevice, devices: Sequence[DeviceModel], count: int
+        self, exo: "WornDevice", devices: Sequence[DeviceModel], count: int
     ) -> None:
         """Look up all addresses, of one device for all rows or one for each.
 
@@ -111,7 +109,7 @@ class Wiring:
         self.scripts[row] = script
         self._take_part(row, 0)
 
-    def take(self, other: Wiring) -> None:
+    def take(self, other: "Wiring") -> None:
         """Copy scripts, and the position in them, from another object."""
         self.scripts, self._parts = list(other.scripts), list(other._parts)
         self._rows[:] = other._rows

@@ -1,7 +1,5 @@
 """Comparison of two episodes in one figure and one Rerun recording, on equal axes."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable, Sequence
@@ -34,7 +32,7 @@ class LabelledEpisode(NamedTuple):
     model: mujoco.MjModel  # the model that it was played on
 
 
-def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
+def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> "Figure":
     """Draw a column per episode: torque-angle loop, and tension at both cable ends."""
     cables = episodes[0].log.cables
     with style():

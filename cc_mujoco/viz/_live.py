@@ -7,8 +7,6 @@ It restarts when it ends, until the window is closed; nothing is written. The lo
 can be exchanged.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -35,7 +33,7 @@ class Over(Exception):
 
 
 def live(
-    env: gymnasium.Env[Any, Any],
+    env: "gymnasium.Env[Any, Any]",
     name: str,
     *,
     seed: int = 0,

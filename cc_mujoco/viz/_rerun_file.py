@@ -31,13 +31,8 @@ from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
+from cc_mujoco.viz import _film_plots as film_plots
 from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines, tension_colors
-from cc_mujoco.viz._film_plots import (
-    MAX_SAMPLES,
-    frame_rate,
-    frame_slices,
-    highest_tension,
-)
 from cc_mujoco.viz._rerun_plots import ORANGE, PURPLE, SKY, blueprint, plotted_series
 from cc_mujoco.viz._scene3d import WORLD, Branch, log_motion, log_static, log_tendons
 
@@ -104,17 +99,17 @@ def write_recording(
 
     The recording's page about the episode shows the `metrics`.
     """
-    opening = blueprint(log.thinned(MAX_SAMPLES), model)
+    opening = blueprint(log.thinned(film_plots.MAX_SAMPLES), model)
     with recording(path, recording_id(log), opening) as rec:
         rec.log("about", _about(log, metrics), static=True)
-        log_episode(Branch(rec), log, model, highest_tension(log))
+        log_episode(Branch(rec), log, model, film_plots.highest_tension(log))
 
 
 def log_episode(
     rec: Branch, log: EpisodeLog, model: mujoco.MjModel, highest: float
 ) -> None:
     log_lanes(rec, log)
-    log = log.thinned(MAX_SAMPLES)
+    log = log.thinned(film_plots.MAX_SAMPLES)
     time = log["time_s"]
     ticks = np.floor(time * _rate(time) + 1e-6)
     frames = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
@@ -204,7 +199,7 @@ def recording_id(log: EpisodeLog) -> str:
 
 def _rate(time: Array) -> float:
     # At most 18 000 frames in space: a longer episode shows fewer than 60 per second.
-    return frame_rate(time, 60.0, 18_000)
+    return film_plots.frame_rate(time, 60.0, 18_000)
 
 
 def _log_scene(
@@ -225,7 +220,7 @@ def _log_scene(
         path = rr.new_entity_path([WORLD, "conduit", *place])
         look = rr.LineStrips3D.from_fields(radii=[line.radius])
         rec.log(path, look, static=True)
-        for some in frame_slices(len(time)):
+        for some in film_plots.frame_slices(len(time)):
             nodes = log.rows(f"tension_{line.cable}_nodes_n", frames[some])
             colors = tension_colors(line.tensions(nodes), highest)
             points = line.all_points(model, qpos[some])
@@ -260,7 +255,7 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
             ("slip", f"slip_{cable}_direction"),
         ):
             path = rr.new_entity_path(["nodes", cable, kind])
-            for some in frame_slices(len(frames)):
+            for some in film_plots.frame_slices(len(frames)):
                 values = log.rows(column, frames[some]).astype(np.float64)
                 rows = rr.Scalars.columns(scalars=values.reshape(-1))
                 lists = rows.partition([values.shape[1]] * len(values))
@@ -289,7 +284,7 @@ def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
 
 def _thinning(log: EpisodeLog) -> list[str]:
     time = log["time_s"]
-    rate, shown = _rate(time), len(log.thinned(MAX_SAMPLES))
+    rate, shown = _rate(time), len(log.thinned(film_plots.MAX_SAMPLES))
     if rate == 60.0 and shown == len(log):
         return []
     return [

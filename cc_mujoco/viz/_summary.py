@@ -1,7 +1,5 @@
 """The summary figure of an episode: torque, angle, their loop, tension in the cable."""
 
-from __future__ import annotations
-
 import os
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +23,7 @@ def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
     figures.save(path, draw_summary(log))
 
 
-def draw_summary(log: EpisodeLog) -> Figure:
+def draw_summary(log: EpisodeLog) -> "Figure":
     """Draw the summary of an episode.
 
     Torque and angle over time, the torque-angle loop, and for each cable the tension
@@ -62,7 +60,7 @@ def episode_title(log: EpisodeLog) -> str:
 
 
 def _draw_over_time(
-    torque: Axes, angle: Axes, log: EpisodeLog | AxisLog, axis: str
+    torque: "Axes", angle: "Axes", log: EpisodeLog | AxisLog, axis: str
 ) -> None:
     time = log["time_s"]
     motor = PlotLine("motor pulley", log["motor_torque_nm"], GREEN)
@@ -80,7 +78,7 @@ def _draw_over_time(
     angle.set_xlim(time[0], time[-1])
 
 
-def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
+def draw_loop(axes: "Axes", log: EpisodeLog | AxisLog) -> None:
     """Draw desired and delivered torque over the joint angle."""
     angle = np.degrees(log["joint_angle_rad"])
     axes.axhline(0, color=GREY, linewidth=0.6)

@@ -6,8 +6,6 @@
 display is needed, but OpenGL and PyAV (`pip install 'cc_mujoco[video]'`) are.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -106,7 +104,7 @@ def _draw_surroundings(
     return picture, [(height - round(b.y1), height - round(b.y0)) for b in boxes]
 
 
-def _draw_scale(figure: Figure, highest: float) -> None:
+def _draw_scale(figure: "Figure", highest: float) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -120,7 +118,7 @@ def _draw_scale(figure: Figure, highest: float) -> None:
     figure.text(540 / width, middle, "grey: slack", fontsize=9, va="center")
 
 
-def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
+def _draw_plots(figure: "Figure", log: EpisodeLog, opacity: float) -> "list[Axes]":
     height, width = LAYOUT.size
     shown = panels.torques(log) + panels.tensions(log)
     if len(shown) > 7:  # more than fit: of several axes, the torques at the joints

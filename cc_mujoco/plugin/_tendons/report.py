@@ -8,8 +8,6 @@ A tendon that slips over a site or geom by which its path turns by an angle thet
 that MuJoCo gives every spatial tendon.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable
@@ -258,7 +256,7 @@ class TendonReport:
         ]
         return "\n".join((*_aligned(rows), *untouched, *warnings, self._foot()))
 
-    def table(self) -> pa.Table:
+    def table(self) -> "pa.Table":
         """Return a table of pyarrow with a row for every place of every tendon."""
         import pyarrow as pa  # takes long to load
 

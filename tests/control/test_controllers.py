@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from cc_mujoco.control import (
     as_round_pulley,
     controller,
 )
-from cc_mujoco.control import _controller as definition
 from cc_mujoco.device import TENSION_COLUMN, CableDrive, Drive, Sensors
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -196,13 +194,3 @@ def test_a_lever_is_not_taken_for_a_pulley() -> None:
         as_round_pulley(seen, drive)
     told = as_round_pulley({**seen, **dict.fromkeys(WINDING_COLUMNS, 2.0)}, drive)
     assert told["joint_torque_nm"] == 0.05
-
-
-def test_every_compiled_step_runs_at_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    for place, law in enumerate(definition.STEPS):
-        monkeypatch.setattr(
-            sys.modules[law.__module__], law.__name__, lambda _, place=place: place
-        )
-    step: Any = definition.step
-    places = list(range(len(definition.STEPS)))
-    assert [step.py_func(place, None) for place in places] == places

@@ -24,7 +24,6 @@ from cc_mujoco.diagnosis._fit.intervals import implausibility
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.search import search, search_rare
 from cc_mujoco.diagnosis.effects import usual_effects
-from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS
 from cc_mujoco.diagnosis.effects._effect import Signals, form_key
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset
@@ -258,7 +257,7 @@ def test_an_eccentric_pulley_is_named_whatever_the_exit_angle() -> None:
     data = dataset({name: sizes}, 2.5, bench=together)
     found = run_inference(data, BENCH, Options((name,))).diagnosis
     (named,) = found.missing
-    assert (named.id, named.form) == (name, EXIT_FORMS[1])
+    assert (named.id, named.form) == (name, EFFECTS["pulley_eccentricity"].forms[1])
     wanted = pytest.approx(1e-3, rel=0.1)
     assert named.parameters["eccentricity_cosine"].value == wanted
 

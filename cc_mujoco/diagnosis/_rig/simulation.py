@@ -41,11 +41,7 @@ from cc_mujoco.diagnosis._rig.records import (
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects import _effect as terms
-from cc_mujoco.diagnosis.effects._drive_effects import (
-    EXIT_FORMS,
-    JOINT_DELAY,
-    acceleration,
-)
+from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY, acceleration
 from cc_mujoco.estimation._least_squares import Tuned, in_threads
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
@@ -206,7 +202,7 @@ def _with_parameters(
     key = terms.form_key(effect.id)
     forms, starts = effect.forms, effect.starts
     one_exit = len(plant.bench.cables) == 1 or "exit_angle" in plant.constants
-    if forms == EXIT_FORMS and one_exit:
+    if forms and effect.id == "pulley_eccentricity" and one_exit:
         forms, starts = (), tuple(s for s in starts if s[key] == 0.0)
     names = {parameter.name for parameter in kept}
     if forms:

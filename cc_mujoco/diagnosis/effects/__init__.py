@@ -1,10 +1,10 @@
 """Effects that a diagnosis can name: one entry each.
 
-An entry says what the effect is, where it acts, what its parameters are, and how it
-changes a simulation: through cables, moment arms or the readings of motor and joint
-(`torques`); `backlash` and `JOINT_DELAY` change the played motion, too. Sizes at 0 are
-off, bit for bit. To add an effect, write its entry, and its form in MuJoCo in
-`_scene/realisation.py` where it is not in the cable.
+An entry of `effects.toml` says what the effect is, where it acts and what its
+parameters are; `ACTIONS` how it changes a simulation: through cables, moment arms or
+the readings of motor and joint (`torques`). `backlash` and `JOINT_DELAY` change the
+played motion, too. Sizes at 0 are off, bit for bit. To add an effect, write its entry,
+and its form in MuJoCo in `_scene/realisation.py` where it is not in the cable.
 """
 
 import inspect
@@ -14,16 +14,13 @@ from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
 from cc_mujoco.diagnosis.effects import _cable_effects, _drive_effects
-from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class
+from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class, usual
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
     for effect in (
-        *_cable_effects.FRICTION_EFFECTS,
-        *_cable_effects.CABLE_EFFECTS,
-        *_drive_effects.DRIVE_EFFECTS,
-        *_drive_effects.SENSOR_EFFECTS,
+        *usual(_cable_effects.ACTIONS | _drive_effects.ACTIONS),
         # Rare ones: searched on request, and where these leave the error unexplained
         *(
             effect_of_class(kind, rare=True)

@@ -1,31 +1,26 @@
 """Effects of a cable: friction in the conduit, path, tension, elasticity, ends."""
 
-from cc_mujoco.cable._parameter import Parameter
+from typing import Any
+
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
     Cables,
-    Effect,
-    EffectParameter,
     RigGeometry,
     Shape,
     Size,
     Values,
     clamp_to_bounds,
     form_key,
-    of_cable,
-    sized,
 )
 
-_FORMS = {"exponential": (1.0, 0.0), "Gaussian": (2.0, 0.0), "Lorentzian": (2.0, 1.0)}
+_FORMS = (1.0, 0.0), (2.0, 0.0), (2.0, 1.0)
 """Exponent and tail of the forms of Stribeck friction."""
-_END_FRICTION_SHARE = 0.015
-"""Friction of uneven bends and ends over the pretension."""
 
 
 def _stribeck(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # A contact has one slip that renews it: with ageing, that of the ageing law.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
-    exponent, tail = tuple(_FORMS.values())[form]
+    exponent, tail = _FORMS[form]
     own = {name: values[name] for name in ("stribeck_friction", "stribeck_speed")}
     own |= {"stribeck_exponent": exponent, "stribeck_tail": tail}
     fresh = {**own, "critical_slip_distance": values["stribeck_slip"]}
@@ -52,145 +47,6 @@ def _tension_dependent(given: Cables, values: Values, _: RigGeometry) -> Cables:
             made[k] = cable.replace(tension_exponent=exponent, friction=friction)
     return tuple(made)
 
-
-FRICTION_EFFECTS = (
-    Effect(
-        id="viscous_friction",
-        title="viscous friction in the conduit",
-        equation="dT/dx += c v",
-        parameters=(of_cable("viscous_friction", 0.0, 1e5, 50.0),),
-        required_excitation="speeds over a decade",
-        confounded_with=("sensor_delay", "stribeck_friction"),
-        source="thesis 2.4.4, Fig. 2.13",
-    ),
-    Effect(
-        id="grease_drag",
-        title="drag of a grease that thins as it is sheared",
-        equation="dT/dx += s g |v|^n",
-        parameters=(
-            of_cable("grease_drag", 0.0, 1e4, 5.0),
-            of_cable("grease_exponent", 0.3, 0.7, 0.5),
-        ),
-        required_excitation="speeds over two decades",
-        confounded_with=(
-            "viscous_friction", "load_independent_friction", "stribeck_friction",
-        ),
-        source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
-        generalises=("viscous_friction", "load_independent_friction"),
-    ),
-    Effect(
-        id="stribeck_friction",
-        title="Stribeck friction: more friction at low speed",
-        equation="mu += mu_b exp(-x), exp(-x^2) or 1/(1 + x^2), x = |v|/v_b",
-        parameters=(
-            of_cable("stribeck_friction", 0.0, 2.0, 0.05),
-            of_cable("stribeck_speed", 5e-4, 0.5, 0.02),
-            EffectParameter(
-                Parameter(
-                    "stribeck_slip", "m", "slip over which Stribeck friction adapts",
-                    1e-5, 0.02, scale="log",
-                ),
-                2e-4,
-            ),
-        ),
-        starts=tuple({"stribeck_speed": speed} for speed in (0.003, 0.01, 0.04)),
-        required_excitation="slow motion and reversals",
-        confounded_with=("viscous_friction", "presliding", "dwell_dependent_stiction"),
-        source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
-        cables=_stribeck,
-        forms=tuple(_FORMS),
-    ),
-    Effect(
-        id="presliding",
-        title="presliding: friction builds up over a distance",
-        equation="f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
-        parameters=(of_cable("bristle_length", 0.0, 0.01, 1e-4),),
-        starts=({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
-        required_excitation="small reversals",
-        confounded_with=("end_compliance", "backlash", "cable_stiffening"),
-        source="Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
-    ),
-    Effect(
-        id="load_independent_friction",
-        title="friction that needs no tension",
-        equation="dT/dx += s f_0, and s F at the seal of either end",
-        parameters=(
-            of_cable(
-                "load_independent_friction", 0.0, 1e4, 1.0,
-                ordinary=_END_FRICTION_SHARE, ordinary_of="pretension per length",
-            ),
-            *(
-                of_cable(
-                    name, 0.0, 1e4, 1.0,
-                    ordinary=_END_FRICTION_SHARE, ordinary_of="pretension",
-                )
-                for name in ("seal_proximal", "seal_distal")
-            ),
-        ),
-        required_excitation="two levels of load or pretension",
-        confounded_with=("tension_dependent_friction",),
-        source="Palli and Melchiorri, Mechatronics 24, 2014",
-    ),
-    Effect(
-        id="asymmetric_friction",
-        title="friction that depends on the direction of motion",
-        equation="mu (1 + s a)",
-        parameters=tuple(
-            of_cable(
-                "friction_asymmetry", -0.9, 0.9, 0.1, name, plausible=(-0.5, 0.5),
-            )
-            for name in ("friction_asymmetry", "asymmetry_antagonist")
-        ),
-        required_excitation="motion in both directions at several loads",
-        confounded_with=("torque_sensor_offset",),
-        source="Duclusaud et al., arXiv 2410.08650 (directional friction)",
-        cables=_asymmetric,
-    ),
-    Effect(
-        id="tension_dependent_friction",
-        title="friction or wrap that changes with tension",
-        equation="mu theta (T/T0)^e",
-        parameters=(of_cable("tension_exponent", -1.0, 1.0, 0.1),),
-        starts=({"tension_exponent": -0.1},),
-        required_excitation="tension over a factor of 2",
-        confounded_with=("load_independent_friction", "configuration_dependent_wrap"),
-        source="Jung, Pan, Kang, Tribology International 41, 2008",
-        cables=_tension_dependent,
-    ),
-    Effect(
-        id="dwell_dependent_stiction",
-        title="break-away friction that grows with rest",
-        equation="mu_s = mu + b ln(1 + t/t_a)",
-        parameters=(
-            of_cable("ageing_friction", 0.0, 2.0, 0.05),
-            of_cable("critical_slip_distance", 1e-5, 0.02, 1e-3),
-            of_cable("ageing_time", 1e-3, 100.0, 1.0),
-        ),
-        starts=tuple(
-            {"ageing_friction": size, "critical_slip_distance": slip, "ageing_time": at}
-            for size, slip, at in (
-                (0.02, 2e-4, 0.05), (0.05, 3e-4, 1.0), (0.05, 3e-3, 1.0),
-            )
-        ),
-        required_excitation="pauses of different length",
-        confounded_with=("stribeck_friction",),
-        source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
-    ),
-    Effect(
-        id="friction_drift",
-        title="friction that drifts during a trial",
-        equation="mu (1 + d t + h W), W the heat of friction that is left",
-        parameters=(
-            of_cable("friction_drift", -1.0, 1.0, 0.01),
-            of_cable("friction_heating", -10.0, 10.0, 0.02),
-            of_cable("cooling_time", 1.0, 1e3, 10.0),
-        ),
-        required_excitation="trials much longer than a cycle",
-        confounded_with=("pretension_loss",),
-        source="thesis 3.2.3",
-    ),
-)  # fmt: skip
-"""Effects of the friction of a cable, the plainest first."""
 
 _FITTING_COMPLIANCES = (
     *("end_compliance", "end_compliance_antagonist"),
@@ -236,77 +92,15 @@ def _set_end_compliances(given: Cables, values: Values, _: RigGeometry) -> Cable
     )
 
 
-CABLE_EFFECTS = (
-    Effect(
-        id="configuration_dependent_wrap",
-        title="wrap that changes with the joint angle",
-        equation="theta (1 + k q) in the last part of the conduit",
-        parameters=(
-            sized(
-                "wrap_per_angle", "1/rad",
-                "relative growth of the wrap angles per joint angle", -5.0, 5.0, 0.1,
-            ),
-            of_cable("wrap_reach", 0.05, 1.0, 0.5),
-        ),
-        starts=(
-            {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
-            {"wrap_per_angle": 0.3, "wrap_reach": 0.3},
-        ),
-        required_excitation="motion at different joint angles",
-        confounded_with=(
-            "joint_gravity", "pulley_eccentricity", "tension_dependent_friction",
-        ),
-        source="thesis 2.4.3, Experiment 1b",
-        cables=_change_wrap,
-    ),
-    Effect(
-        id="pretension_loss",
-        title="pretension that is lost during a trial",
-        equation="T0 (1 - c (1 - exp(-t/t_c)))",
-        parameters=(
-            of_cable("stress_relaxation", 0.0, 1.0, 0.1),
-            of_cable("relaxation_time", 0.5, 1e4, 10.0),
-        ),
-        starts=({"relaxation_time": 2.0}, {"relaxation_time": 20.0}),
-        required_excitation="trials much longer than a cycle",
-        confounded_with=("friction_drift",),
-        source="standard linear solid",
-    ),
-    Effect(
-        id="cable_stiffening",
-        title="cable that stiffens under tension",
-        equation="strain += e T / (T + T_b), EA at T_0 as before",
-        parameters=(
-            of_cable("bedding_strain", 0.0, 0.3, 5e-4),
-            of_cable("bedding_strain", 0.0, 0.3, 5e-4, "bedding_strain_antagonist"),
-            of_cable("bedding_tension", 1.0, 500.0, 20.0),
-        ),
-        starts=({"bedding_tension": 10.0}, {"bedding_tension": 60.0}),
-        required_excitation="large and small loads, slack, or two pretensions",
-        confounded_with=("end_compliance", "presliding"),
-        source="constructional stretch of ropes, as their makers give it",
-        cables=_stiffening,
-    ),
-    Effect(
-        id="end_compliance",
-        title="compliance of an end fitting",
-        equation="u_d += C T_d, u_p -= C T_p",
-        parameters=tuple(
-            of_cable(
-                name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, 1e-5, name,
-                plausible=(0.0, 10.0), of="cable",  # beyond, it is a spring's
-                # 3 % of the cable are straight at either end, where nothing holds it
-                ordinary=0.06, ordinary_of="cable",
-            )
-            for name in _FITTING_COMPLIANCES
-        ),
-        required_excitation="reversals at several loads",
-        confounded_with=("presliding", "backlash", "cable_stiffening"),
-        source="series springs",
-        cables=_set_end_compliances,
-    ),
-)  # fmt: skip
-"""Effects of the path, tension, elasticity and ends of a cable."""
+ACTIONS: dict[str, dict[str, Any]] = {
+    "stribeck_friction": {"cables": _stribeck},
+    "asymmetric_friction": {"cables": _asymmetric},
+    "tension_dependent_friction": {"cables": _tension_dependent},
+    "configuration_dependent_wrap": {"cables": _change_wrap},
+    "cable_stiffening": {"cables": _stiffening},
+    "end_compliance": {"cables": _set_end_compliances},
+}
+"""Functions of `Effect` by its id; other effects set parameters of the cables."""
 
 
 class ClampCreep:

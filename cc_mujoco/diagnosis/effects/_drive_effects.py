@@ -2,15 +2,13 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     WIND_UP_BOUNDS,
     Cables,
-    Effect,
-    EffectParameter,
     RigGeometry,
     Shape,
     Signals,
@@ -19,16 +17,8 @@ from cc_mujoco.diagnosis.effects._effect import (
     clamp_to_bounds,
     dry_friction,
     form_key,
-    sized,
 )
 from cc_mujoco.native import FloatArray
-
-BACKLASH_BOUNDS = (0.0, 0.15)
-"""Backlash over the joint's range of motion."""
-_AT_MOST_MEASURED = (-1.0, 1.0)
-"""Share of the largest torque at the joint; more would show in the readings."""
-EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a turn off")
-"""Forms of an eccentric pulley: the exit angle, and half a turn more."""
 
 
 def _eccentric(given: Cables, values: Values, rig: RigGeometry) -> Cables:
@@ -94,164 +84,6 @@ def _far_rest(v: Values) -> str:
         return ""
     angle = moment / max(stiffness, 1e-300)
     return f"a spring that rests {angle:.3g} rad from joint angle 0, over a turn"
-
-
-DRIVE_EFFECTS = (
-    Effect(
-        id="backlash",
-        title="play between pulley and joint",
-        equation="|q_pulley - q| <= b/2",
-        where="joint",
-        parameters=(
-            sized(
-                "backlash", "rad", "play of the joint in its pulley, from stop to stop",
-                0.0, 0.5, 0.02, BACKLASH_BOUNDS, "motion",
-            ),
-        ),
-        starts=({"backlash": 0.01}, {"backlash": 0.05}),
-        required_excitation="reversals of torque at several loads",
-        confounded_with=("presliding", "end_compliance"),
-        source="Nordin and Gutman, Automatica 38, 2002",
-        cables=_soft_play,
-        forms=("hard", "soft"),
-    ),
-    Effect(
-        id="pulley_eccentricity",
-        title="motor pulley that is eccentric or oval",
-        equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
-        where="motor",
-        parameters=tuple(
-            sized(
-                f"{name}_{wave}", "m",
-                f"{name} of the motor pulley, {wave} of {angle}", -0.05, 0.05, typical,
-                (-0.25, 0.25), "motor_radius",
-            )
-            for name, angle, typical in (
-                ("eccentricity", "its angle", 5e-4),
-                ("ovality", "twice its angle", 2e-4),
-            )
-            for wave in ("cosine", "sine")
-        ),
-        starts=tuple({form_key("pulley_eccentricity"): form} for form in (0.0, 1.0)),
-        required_excitation="half a turn of the motor pulley or more",
-        confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
-        source="geometry",
-        cables=_eccentric,
-        forms=EXIT_FORMS,
-    ),
-    Effect(
-        id="motor_cogging",
-        title="torque ripple of the motor",
-        equation="tau_m += a cos(n q_m - p)",
-        where="motor",
-        parameters=(
-            *(
-                sized(
-                    f"cogging_{wave}", "N m", f"torque ripple of the motor, {wave}",
-                    -100.0, 100.0, 0.02,
-                )
-                for wave in ("cosine", "sine")
-            ),
-            EffectParameter(
-                Parameter(
-                    "cogging_order", "1",
-                    "periods of the ripple per turn of the motor pulley", 3.5, 200.0,
-                    scale="log",
-                ),
-                1.0,
-            ),
-        ),
-        starts=tuple(
-            {"cogging_order": order}
-            for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
-        ),
-        required_excitation="slow motion over several poles",
-        confounded_with=("pulley_eccentricity",),
-        source="MuJoCo dcmotor cogging",
-        torques=_cogging,
-    ),
-    Effect(
-        id="joint_gravity",
-        title="gravity on the joint",
-        equation="tau_j -= a sin q + b cos q",
-        where="joint",
-        parameters=tuple(
-            sized(
-                f"gravity_{wave}", "N m",
-                f"moment of gravity at the joint, {wave} of its angle", -1e3, 1e3, 0.1,
-                _AT_MOST_MEASURED, "joint_torque",
-            )
-            for wave in ("sine", "cosine")
-        ),
-        required_excitation="joint angles over half a radian",
-        confounded_with=(
-            "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
-        ),
-        source="statics",
-        torques=_gravity,
-    ),
-    Effect(
-        id="joint_stiffness",
-        title="a spring on the joint",
-        equation="tau_j -= k q + m, at rest where q = -m/k",
-        where="joint",
-        parameters=(
-            sized(
-                "joint_stiffness", "N m/rad", "stiffness of a spring on the joint",
-                -1e4, 1e4, 0.2, (0.0, 1.0), "joint_torque per motion",
-            ),
-            sized(
-                "joint_stiffness_moment", "N m",
-                "moment of that spring where the joint is at 0", -1e3, 1e3, 0.1,
-                _AT_MOST_MEASURED, "joint_torque", beside=True,
-            ),
-        ),
-        required_excitation="joint angles over half a radian",
-        confounded_with=("joint_gravity", "torque_sensor_gain", "torque_sensor_offset"),
-        source="statics",
-        torques=_spring,
-        form_of=("joint_gravity",),
-        implausible=_far_rest,
-    ),
-    Effect(
-        id="joint_inertia",
-        title="inertia between transmission and joint sensor",
-        equation="tau_j -= J q''",
-        where="joint",
-        parameters=(
-            sized(
-                "joint_inertia", "kg m^2",
-                "inertia between transmission and joint sensor", -10.0, 10.0, 1e-3,
-                (0.0, math.inf),
-            ),
-        ),
-        required_excitation="accelerations over a decade",
-        confounded_with=("sensor_delay", "joint_stiffness"),
-        source="dynamics",
-        torques=lambda s, v: s.added(
-            joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
-        ),
-    ),
-    Effect(
-        id="motor_inertia",
-        title="inertia between motor sensor and pulley",
-        equation="tau_m += J q_m''",
-        where="motor",
-        parameters=(
-            sized(
-                "motor_inertia", "kg m^2", "inertia between motor sensor and pulley",
-                -1.0, 1.0, 1e-4, (0.0, math.inf),
-            ),
-        ),
-        required_excitation="accelerations over a decade",
-        confounded_with=("sensor_delay", "viscous_friction"),
-        source="dynamics",
-        torques=lambda s, v: s.added(
-            motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
-        ),
-    ),
-)  # fmt: skip
-"""Usual effects of pulleys, motor and joint."""
 
 
 class DrumWinding:
@@ -420,8 +252,6 @@ class LeverGeometry:
         return values["arm_slope"], values["arm_bend"]
 
 
-GAIN_BOUNDS = (-0.3, 0.3)
-"""Plausible relative errors of a torque sensor's gain."""
 JOINT_DELAY = "joint_delay"
 """Parameter that delays the joint's angle and torque together [s]."""
 
@@ -443,81 +273,32 @@ def _delay(s: Signals, v: Values) -> Signals:
     return replace(s, motor=motor, joint=joint)
 
 
-SENSOR_EFFECTS = (
-    Effect(
-        id="torque_sensor_gain",
-        title="gain of a torque sensor",
-        equation="tau (1 + g)",
-        where="sensor",
-        parameters=tuple(
-            sized(
-                f"{side}_torque_gain", "1",
-                f"relative error of the gain of the {side} torque sensor", -0.9, 9.0,
-                0.05, GAIN_BOUNDS,
-            )
-            for side in ("motor", "joint")
-        ),
-        required_excitation="loads that hold still",
-        confounded_with=("joint_gravity", "joint_stiffness"),
-        source="calibration",
-        torques=_gain,
-        sensor=True,
-    ),
-    Effect(
-        id="torque_sensor_offset",
-        title="offset of a torque sensor",
-        equation="tau + b + d t",
-        where="sensor",
-        parameters=(
-            *(
-                sized(
-                    f"{side}_torque_bias", "N m", f"offset of the {side} torque sensor",
-                    -1e3, 1e3, 0.1, (-0.3, 0.3), f"{side}_torque",
-                )
-                for side in ("motor", "joint")
-            ),
-            *(
-                sized(
-                    f"{side}_torque_drift", "N m/s",
-                    f"rate at which that of the {side} torque sensor grows", -10.0,
-                    10.0, 0.01,
-                )
-                for side in ("motor", "joint")
-            ),
-        ),
-        required_excitation=(
-            "loads of both signs; for a drift, trials much longer than a cycle"
-        ),
-        confounded_with=("asymmetric_friction", "joint_gravity"),
-        source="calibration",
-        torques=lambda s, v: s.added(
+ACTIONS: dict[str, dict[str, Any]] = {
+    "backlash": {"cables": _soft_play},
+    "pulley_eccentricity": {"cables": _eccentric},
+    "motor_cogging": {"torques": _cogging},
+    "joint_gravity": {"torques": _gravity},
+    "joint_stiffness": {"torques": _spring, "implausible": _far_rest},
+    "joint_inertia": {
+        "torques": lambda s, v: s.added(
+            joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
+        )
+    },
+    "motor_inertia": {
+        "torques": lambda s, v: s.added(
+            motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
+        )
+    },
+    "torque_sensor_gain": {"torques": _gain},
+    "torque_sensor_offset": {
+        "torques": lambda s, v: s.added(
             v["motor_torque_bias"] + v["motor_torque_drift"] * s.time,
             v["joint_torque_bias"] + v["joint_torque_drift"] * s.time,
-        ),
-        sensor=True,
-    ),
-    Effect(
-        id="sensor_delay",
-        title="readings that are recorded late",
-        equation="tau(t - d), q_j(t - d)",
-        where="sensor",
-        parameters=tuple(
-            sized(
-                name, "s", f"delay of the {what} sensor", -0.2, 0.2, 0.005, (-0.1, 0.1),
-            )
-            for name, what in (
-                (JOINT_DELAY, "joint angle"), ("motor_torque_delay", "motor torque"),
-                ("joint_torque_delay", "joint torque"),
-            )
-        ),
-        required_excitation="fast and slow motion",
-        confounded_with=("viscous_friction", "joint_inertia", "motor_inertia"),
-        source="signal chain",
-        torques=_delay,
-        sensor=True,
-    ),
-)  # fmt: skip
-"""Usual effects of sensors."""
+        )
+    },
+    "sensor_delay": {"torques": _delay},
+}
+"""Functions of `Effect` by its id."""
 
 
 class SensorCrossTalk:

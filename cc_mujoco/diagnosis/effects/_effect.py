@@ -26,9 +26,11 @@ import inspect
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -273,29 +275,32 @@ def form_key(effect: str) -> str:
     return f"{effect}_form"
 
 
-def of_cable(
-    name: str, low: float, high: float, typical: float, called: str = "", **more: Any
-) -> EffectParameter:
-    """Return an effect's parameter equal to a cable's, `called` otherwise if given."""
-    scale: Any = "log" if low > 0.0 else "linear"
-    bounds: Any = {"low": low, "high": high, "low_open": False}
-    known = replace(_OF_CABLES[name], name=called or name, scale=scale, **bounds)
-    return EffectParameter(known, typical, **more)
+def _described(table: dict[str, Any]) -> EffectParameter:
+    """Return a parameter by its table in `effects.toml`, which is emptied."""
+    low, high = table.pop("range")
+    if (cable := table.pop("cable", None)) is not None:
+        scale: Any = "log" if low > 0.0 else "linear"
+        bounds: Any = {"low": low, "high": high, "low_open": False, "scale": scale}
+        name = table.pop("called", cable)
+        known = replace(_OF_CABLES[cable], name=name, **bounds)
+    else:
+        name, unit, meaning = map(table.pop, ("name", "unit", "meaning"))
+        scale = table.pop("scale", "linear")
+        known = Parameter(name, unit, meaning, low, high, scale=scale)
+    if "plausible" in table:
+        table["plausible"] = tuple(table["plausible"])
+    return EffectParameter(known, **table)
 
 
-def sized(
-    name: str,
-    unit: str,
-    meaning: str,
-    low: float,
-    high: float,
-    typical: float,
-    plausible: tuple[float, float] = (-math.inf, math.inf),
-    of: Any = "",
-    **more: Any,
-) -> EffectParameter:
-    known = Parameter(name, unit, meaning, low, high)
-    return EffectParameter(known, typical, plausible, of, **more)
+def usual(actions: Mapping[str, Mapping[str, Any]]) -> Iterator[Effect]:
+    """Yield the effects of `effects.toml`, with their functions by id."""
+    text = Path(__file__).with_name("effects.toml").read_text(encoding="utf-8")
+    for name, table in tomllib.loads(text).items():
+        table["parameters"] = map(_described, table["parameters"])
+        fields: dict[str, Any] = dict(actions.get(name, {}))
+        for key, value in table.items():
+            fields[key] = value if isinstance(value, (str, bool)) else tuple(value)
+        yield Effect(id=name, **fields)
 
 
 def clamp_to_bounds(name: str, value: float) -> float:

@@ -23,10 +23,10 @@ from cc_mujoco.diagnosis._fit.intervals import (
     plausible_size,
 )
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
-from cc_mujoco.diagnosis.effects._drive_effects import BACKLASH_BOUNDS, GAIN_BOUNDS
 from diagnosis.recorded import BENCH, dataset
 
 SIZES = [p for effect in EFFECTS.values() for p in effect.parameters if p.size]
+MOST = {parameter.name: parameter.plausible[1] for parameter in SIZES}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def place(problem: Problem, **values: float) -> np.ndarray:
     [
         (
             "torque_sensor_gain",
-            {"joint_torque_gain": 0.9 * GAIN_BOUNDS[1]},
+            {"joint_torque_gain": 0.9 * MOST["joint_torque_gain"]},
             {"joint_torque_gain": -0.83},
         ),
         ("joint_stiffness", {"joint_stiffness": 0.2}, {"joint_stiffness": -0.04}),
@@ -130,17 +130,15 @@ def test_play_is_a_small_part_of_the_motion(baseline: Problem) -> None:
     wider = baseline.with_effect("backlash", {"backlash": 0.01})
     motion = max(float(np.ptp(r.joint_angle)) for r in baseline.plant.records)
     assert (
-        implausibility(wider, place(wider, backlash=0.9 * BACKLASH_BOUNDS[1] * motion))
+        implausibility(wider, place(wider, backlash=0.9 * MOST["backlash"] * motion))
         == ""
     )
-    assert implausibility(
-        wider, place(wider, backlash=1.1 * BACKLASH_BOUNDS[1] * motion)
-    )
+    assert implausibility(wider, place(wider, backlash=1.1 * MOST["backlash"] * motion))
     half = tuple(
         replace(r, joint_angle=0.5 * r.joint_angle) for r in baseline.plant.records
     )
     less = replace(wider, plant=wider.plant.limited(half))
-    assert implausibility(less, place(less, backlash=0.9 * BACKLASH_BOUNDS[1] * motion))
+    assert implausibility(less, place(less, backlash=0.9 * MOST["backlash"] * motion))
 
 
 def test_an_eccentric_pulley_can_be_tried_at_any_place(baseline: Problem) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cc_mujoco._workers import run_here
+from cc_mujoco._workers.local_executor import run_here
 from jobs import Doubling, Sleeping
 
 
@@ -39,7 +39,7 @@ def test_processes_end_with_the_run_that_wants_them() -> None:
 
 PROGRAM = """
 import signal
-from cc_mujoco._workers import run_here
+from cc_mujoco._workers.local_executor import run_here
 from jobs import Sleeping
 
 if __name__ == "__main__":

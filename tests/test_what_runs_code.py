@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from cc_mujoco import cli
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import with_provenance
-from cc_mujoco._workers import run_here
+from cc_mujoco._workers.local_executor import run_here
 from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark._results import _digest
 from cc_mujoco.cli._parsing import commands

@@ -5,7 +5,3 @@
 
 A piece's result depends on the piece only, not on where it is computed.
 """
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

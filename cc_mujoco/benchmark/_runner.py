@@ -26,7 +26,8 @@ from cc_mujoco._utils.provenance import (
     read_provenance,
     with_provenance,
 )
-from cc_mujoco._workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
+from cc_mujoco._workers.cluster import WORKER_TIMEOUT, run_on_cluster
+from cc_mujoco._workers.local_executor import Tick, run_here
 from cc_mujoco.benchmark._cell import (
     Cell,
     CellResult,
@@ -54,7 +55,7 @@ TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
 class BenchmarkPlan:
     """Selection of cells to run; an empty selection means all of the suite.
 
-    As a `_workers.Job` its pieces are groups of cells.
+    As a `local_executor.Job` its pieces are groups of cells.
     """
 
     controllers: tuple[str, ...]

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.provenance import code_provenance
-from cc_mujoco._workers import Tick
+from cc_mujoco._workers.local_executor import Tick
 from cc_mujoco.control import axes_controller
 from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
@@ -333,7 +333,7 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
 
 @dataclass(frozen=True)
 class DesignJob:
-    """A `_workers.Job` whose pieces are batches of designs with equal layout."""
+    """A `local_executor.Job` whose pieces are batches of designs of equal layout."""
 
     protocol: EpisodeProtocol
 

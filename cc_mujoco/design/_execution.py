@@ -23,7 +23,8 @@ import numpy as np
 import pyarrow as pa
 
 from cc_mujoco._utils.provenance import earlier_results_message
-from cc_mujoco._workers import Progress, run_here, run_on_cluster
+from cc_mujoco._workers.cluster import run_on_cluster
+from cc_mujoco._workers.local_executor import Progress, run_here
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.control._controller import stepped_law
 from cc_mujoco.design import _whatif_options as whatif

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cc_mujoco._utils.command_options import Flag
-from cc_mujoco._workers import WORKER_TIMEOUT
+from cc_mujoco._workers.cluster import WORKER_TIMEOUT
 
 if TYPE_CHECKING:
     from cc_mujoco.human import Task, Trajectory

@@ -201,54 +201,6 @@ def _rms_ratio(error: FloatArray, noise: FloatArray) -> float:
     return math.sqrt(float(error.sum() / max(float(noise.sum()), 1e-300)))
 
 
-REMEDIES = {
-    "pretension": "declare a measured pretension ([rig] pretension with its "
-    "uncertainty), or record trials at a second pretension and declare both",
-    "friction": "declare friction that was measured another way ([rig] friction with "
-    "its uncertainty), or record other loads",
-    "axial_stiffness": "declare a measured stiffness ([rig] axial_stiffness with its "
-    "uncertainty), or record the joint locked",
-    "friction_balance": "pull each cable by itself, the other one slack, and compare "
-    "their friction",
-    "joint_angle_offset": "record where both cables pull equally, and declare the "
-    "offset of the joint's angle",
-    "load_stiffness": "measure the spring by itself and declare it more exactly ([rig] "
-    "load_stiffness with its uncertainty), or measure the joint's torque",
-    "load_rest_angle": "record the joint where its spring is at rest, and declare that "
-    "angle ([rig] load_rest_angle)",
-    **{
-        f"load_{name}": f"{what} more exactly ([rig] load_{name}), or measure the "
-        "joint's torque"
-        for name, what in (
-            ("inertia", "declare the inertia of the load"),
-            ("damping", "declare the damping of the load"),
-            ("weight", "weigh the load and declare it"),
-        )
-    },
-    "torque_constant": "measure the motor's torque constant and declare it more "
-    "exactly, or measure the torque behind motor and gear",
-    "motor_friction": "a current shows the motor's own friction as well: measure the "
-    "torque behind motor and gear, or the tension of the cable there",
-    **{
-        f"motor_{name}": f"a current shows the {what} of motor and gear as well: "
-        "measure the torque behind them, or the tension of the cable there"
-        for name, what in (("wind_up", "wind-up"), ("damping", "drag"))
-    },
-    "clock_offset": "record all channels by one clock, or declare the delay of each",
-    **{
-        f"{side}_{name}": text.format(side)
-        for side in ("motor", "joint")
-        for name, text in {
-            "radius": "measure the {0}'s pulley and declare it ([rig] {0}_radius)",
-            "torque_offset": "read the {0}'s torque sensor without any load and "
-            "declare the offset of its column",
-            "torque_late": "declare the delay of the {0}'s torque sensor",
-        }.items()
-    },
-}
-"""Advice to distinguish a baseline parameter from the effects it can stand for."""
-
-
 class EffectChange(NamedTuple):
     """Changes of the residuals by plausible sizes of an effect."""
 
@@ -360,7 +312,7 @@ def _confounded_effect(
         explains = f"about {format_size(first.name, share * size, first.unit)}"
     # Parameters of effects that are in the model have no remedy of their own.
     record = f"record {change.effect.required_excitation}"
-    remedy = REMEDIES.get(simulation.base_name(parameter.name), record)
+    remedy = simulation.REMEDIES.get(simulation.base_name(parameter.name), record)
     return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
 
 
@@ -375,7 +327,8 @@ def deviating_parameters(
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
         apart = (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS)
-        if name not in REMEDIES or name in apart:  # on one occasion, or of an effect
+        if name not in simulation.REMEDIES or name in apart:
+            # It is of one occasion, or of an effect.
             continue  # reported as such
         if not math.isfinite(known) and name in ("friction", "axial_stiffness"):
             known = 0.4 / parameter.scale  # of the logarithm, where none is declared
@@ -408,7 +361,7 @@ def deviating_parameters(
             statement += f", or these data hide {list_words(others, 'or')}"
         else:
             statement += ", or something that is not in the model looks like it"
-        remedy = REMEDIES[name]
+        remedy = simulation.REMEDIES[name]
         if lever:
             remedy = (
                 "the arm of the cable hangs on that angle, so let motor and joint read "

@@ -15,14 +15,16 @@ the rig exclude or bound others.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY, MomentArm
@@ -240,47 +242,23 @@ Their prior deviation is half a sample and their bound one sample. A larger dela
 effect.
 """
 
-BASELINE: dict[str, Parameter] = {
-    parameter.name: parameter
-    for parameter in (
-        *(
-            replace(p, scale="log")
-            for p in PARAMETERS
-            if p.name in ("friction", "axial_stiffness", "pretension")
-        ),
-        *(
-            Parameter(name, "N m", f"reading of the {side} torque sensor at no torque")
-            for name, side in zip(TORQUE_OFFSETS, ("motor", "joint"), strict=True)
-        ),
-        Parameter("joint_angle_offset", "rad", "angle to add to the joint's readings"),
-        Parameter("clock_offset", "s", "delay of the joint after the motor"),
-        *(
-            Parameter(name, "s", f"delay of the {side} torque sensor")
-            for name, side in zip(TORQUE_DELAYS, ("motor", "joint"), strict=True)
-        ),
-        Parameter("friction_balance", "1", "relative excess of the agonist's friction"),
-        Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
-        Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
-        Parameter("motor_friction", "N m", "dry friction of the motor"),
-        Parameter(
-            "motor_wind_up",
-            "rad",
-            "turn of the motor over which its dry friction builds up",
-            scale="log",
-        ),
-        Parameter("motor_damping", "N m s/rad", "viscous friction of the motor"),
-        Parameter("torque_constant", "N m/A", "torque per current", scale="log"),
-        Parameter("load_stiffness", "N m/rad", "stiffness of the spring", scale="log"),
-        Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
-        Parameter("load_damping", "N m s/rad", "viscous damping", scale="log"),
-        Parameter("load_weight", "N m", "largest moment of the weight", scale="log"),
-        Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
-    )
-}
+
+def _baseline() -> Iterator[tuple[Parameter, str]]:
+    known = {parameter.name: parameter for parameter in PARAMETERS}
+    for row in read_sheet(Path(__file__).with_name("baseline.csv")).rows:
+        name, unit, meaning, scale, remedy = row.cells
+        own: Any = known.get(name) or Parameter(name, unit, meaning)
+        yield replace(own, scale=scale), remedy
+
+
+_TABLE = tuple(_baseline())
+BASELINE: dict[str, Parameter] = {parameter.name: parameter for parameter, _ in _TABLE}
 """Parameters of the baseline by name.
 
 Their bounds depend on the data, see `baseline_parameters`.
 """
+REMEDIES = {parameter.name: remedy for parameter, remedy in _TABLE}
+"""Advice to distinguish a baseline parameter from the effects it can stand for."""
 
 
 def baseline_parameters(

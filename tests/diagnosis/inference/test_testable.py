@@ -16,14 +16,13 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._fit.intervals import Spread, estimates
 from cc_mujoco.diagnosis._judge import (
-    REMEDIES,
     _suspected_unit,
     confounded_effects,
     detectability,
     deviating_parameters,
     untestable_effects,
 )
-from cc_mujoco.diagnosis._rig.simulation import BASELINE
+from cc_mujoco.diagnosis._rig.simulation import BASELINE, REMEDIES
 from cc_mujoco.diagnosis._search.candidates import Changes
 from diagnosis.recorded import BENCH, dataset
 

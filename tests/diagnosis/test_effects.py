@@ -22,6 +22,7 @@ from cc_mujoco.diagnosis import (
 from cc_mujoco.diagnosis._fit.problem import tuned_effect_parameter
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.effects import _cable_effects, _drive_effects
 from cc_mujoco.diagnosis.effects._effect import RigGeometry, TrialConditions, form_key
 from diagnosis.recorded import BENCH, dataset
 
@@ -51,6 +52,12 @@ def plant() -> SimulatedRig:
 
 def test_the_library_has_the_ids_that_verdicts_promise() -> None:
     assert set(IDS) <= set(EFFECTS)
+
+
+def test_every_function_is_of_an_effect_that_has_it() -> None:
+    for name, fields in (_cable_effects.ACTIONS | _drive_effects.ACTIONS).items():
+        for field, function in fields.items():
+            assert getattr(EFFECTS[name], field) is function
 
 
 def test_every_term_of_a_cable_can_be_named() -> None:

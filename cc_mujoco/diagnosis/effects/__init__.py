@@ -14,13 +14,13 @@ from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
 from cc_mujoco.diagnosis.effects import _cable_effects, _drive_effects
-from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class, usual
+from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class, read_effects
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
     for effect in (
-        *usual(_cable_effects.ACTIONS | _drive_effects.ACTIONS),
+        *read_effects(_cable_effects.ACTIONS | _drive_effects.ACTIONS),
         # Rare ones: searched on request, and where these leave the error unexplained
         *(
             effect_of_class(kind, rare=True)

@@ -275,7 +275,7 @@ def form_key(effect: str) -> str:
     return f"{effect}_form"
 
 
-def _described(table: dict[str, Any]) -> EffectParameter:
+def _read_parameter(table: dict[str, Any]) -> EffectParameter:
     """Return a parameter by its table in `effects.toml`, which is emptied."""
     low, high = table.pop("range")
     if (cable := table.pop("cable", None)) is not None:
@@ -292,11 +292,11 @@ def _described(table: dict[str, Any]) -> EffectParameter:
     return EffectParameter(known, **table)
 
 
-def usual(actions: Mapping[str, Mapping[str, Any]]) -> Iterator[Effect]:
+def read_effects(actions: Mapping[str, Mapping[str, Any]]) -> Iterator[Effect]:
     """Yield the effects of `effects.toml`, with their functions by id."""
     text = Path(__file__).with_name("effects.toml").read_text(encoding="utf-8")
     for name, table in tomllib.loads(text).items():
-        table["parameters"] = map(_described, table["parameters"])
+        table["parameters"] = map(_read_parameter, table["parameters"])
         fields: dict[str, Any] = dict(actions.get(name, {}))
         for key, value in table.items():
             fields[key] = value if isinstance(value, (str, bool)) else tuple(value)

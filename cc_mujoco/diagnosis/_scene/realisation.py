@@ -468,68 +468,38 @@ def _set_isotropic_inertia(body: MjsBody, centre: FloatArray, inertia: float) ->
 
 @dataclass(frozen=True)
 class _Realisation:
-    note: str  # means of the realisation, and advice to a user of the scene
     apply: Realise  # changes a scene
     # Whether it needs a pulley, or torques as sums of sensors; a lever has neither
     pulley: bool = True
+    # Means of the realisation, and advice to a user of the scene; by default the
+    # `scene_note` of the effect
+    note: str = ""
     # Names of its values, those of the effect unless given; 0 is off
     parameters: tuple[str, ...] = ()
 
 
 REALISATIONS: dict[str, _Realisation] = {
     "angle_offset": _Realisation(
-        "`ref` of the joint: where it is when the cables are at rest",
         angle_offset,
         pulley=False,
+        note="`ref` of the joint: where it is when the cables are at rest",
         parameters=("joint_angle_offset",),
     ),
-    "backlash": _Realisation(
-        "the cables' pulley turns on a hinge of its own and takes the joint along "
-        "through a fixed tendon with two limits; the pulley has the least inertia that "
-        "the time step allows",
-        backlash,
-    ),
-    "motor_cogging": _Realisation(
-        "the cogging torque of MuJoCo's DC motor, as an actuator without input",
-        cogging,
-        pulley=False,
-    ),
-    "joint_gravity": _Realisation(
-        "the same with one period per turn: independent of the joint's axis in space "
-        "and of the mass of the scene, as the rig stands that is not turned",
-        gravity,
-        pulley=False,
-    ),
-    "joint_stiffness": _Realisation(
-        "stiffness of the joint, about where it rests", stiffness, pulley=False
-    ),
-    **{
-        f"{side}_inertia": _Realisation(
-            f"armature of the {side}; a weightless body that rides along shows it",
-            inertia(side),
-            pulley=False,
-        )
-        for side in ("joint", "motor")
-    },
-    "sensor_cross_talk": _Realisation(
-        "each torque is also a weighted sum of the sensors of the other one", cross_talk
-    ),
-    "torque_sensor_gain": _Realisation(
-        "weights of the sums that are the torques", gain
-    ),
+    "backlash": _Realisation(backlash),
+    "motor_cogging": _Realisation(cogging, pulley=False),
+    "joint_gravity": _Realisation(gravity, pulley=False),
+    "joint_stiffness": _Realisation(stiffness, pulley=False),
+    "joint_inertia": _Realisation(inertia("joint"), pulley=False),
+    "motor_inertia": _Realisation(inertia("motor"), pulley=False),
+    "sensor_cross_talk": _Realisation(cross_talk),
+    "torque_sensor_gain": _Realisation(gain),
     "torque_offset": _Realisation(
-        "a constant in the sums that are the torques",
         torque_offset,
+        note="a constant in the sums that are the torques",
         parameters=("motor_torque_offset", "joint_torque_offset"),
     ),
-    "torque_sensor_offset": _Realisation(
-        "a constant and a clock in the sums that are the torques", bias
-    ),
-    "sensor_delay": _Realisation(
-        "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
-        "early, the angles and the other torque are delayed instead",
-        delay,
-    ),
+    "torque_sensor_offset": _Realisation(bias),
+    "sensor_delay": _Realisation(delay),
 }
 """Every effect outside the cable, and the offsets that a baseline has tuned, by id."""
 
@@ -539,10 +509,11 @@ def realisations() -> dict[str, _Realisation]:
     whole = dict(REALISATIONS)
     for effect in EFFECTS.values():
         if effect.edit_spec is not None:
-            whole[effect.id] = _Realisation(effect.scene_note, effect.edit_spec)
+            whole[effect.id] = _Realisation(effect.edit_spec)
         if effect.id in whole:
             names = tuple(parameter.name for parameter in effect.parameters)
-            whole[effect.id] = replace(whole[effect.id], parameters=names)
+            note, entry = effect.scene_note, whole[effect.id]
+            whole[effect.id] = replace(entry, note=note, parameters=names)
     late = {"torque_offset", *(e.id for e in EFFECTS.values() if e.sensor)}
     return {name: whole[name] for name in sorted(whole, key=late.__contains__)}
 

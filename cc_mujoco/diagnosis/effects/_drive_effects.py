@@ -308,6 +308,7 @@ class SensorCrossTalk:
     source = "calibration"
     sensor = True
     needs = "friction or inertia that makes the two torques differ"
+    scene_note = "each torque is also a weighted sum of the sensors of the other one"
     confused_with = ("torque_sensor_gain", "asymmetric_friction")
     resembles = confused_with
 

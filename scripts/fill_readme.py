@@ -29,7 +29,6 @@ from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.device import MATERIALS
 from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
-from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.report import table
 from thesis._outcome import CLAIM_FILE, claims_of
 from thesis.reproduce import EXPERIMENTS, run
@@ -116,10 +115,17 @@ def interval_text(figure: Figure, scale: float = 1.0) -> str:
     return f"{typical} ({span}{', '.join(figure.sources)})"
 
 
+def effect_rows() -> list[list[str]]:
+    """Return effects as rows of text, the first of column names; rare ones by a star."""
+    named = [(e.id + ("*" if e.rare else ""), e) for e in EFFECTS.values()]
+    rows = [[name, e.equation, e.required_excitation] for name, e in named]
+    return [["effect", "term", "required excitation"], *rows]
+
+
 def package_tables() -> dict[str, list[list[str]]]:
     return {
         "materials": material_rows(),
-        "effects": of_effects.table_rows(EFFECTS.values()),
+        "effects": effect_rows(),
     }
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from figure_paths import figure_path
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import (
@@ -25,7 +26,7 @@ from cc_mujoco._utils.atomic_io import (
     write_manifest,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.report import figure, figure_path, save
+from cc_mujoco.report import figure, save
 
 
 def test_a_folder_with_anything_needs_our_mark(tmp_path: Path) -> None:

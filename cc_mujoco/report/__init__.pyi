@@ -6,7 +6,6 @@ from ._figures import GREY as GREY
 from ._figures import ORANGE as ORANGE
 from ._figures import TENSION_COLORS as TENSION_COLORS
 from ._figures import figure as figure
-from ._figures import figure_path as figure_path
 from ._figures import save as save
 from ._figures import style as style
 from ._markdown import table as table

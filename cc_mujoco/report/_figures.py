@@ -12,15 +12,13 @@ made, lines when they are drawn, so that both belong inside `style`.
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cc_mujoco._utils.atomic_io import replacing, require_own_file
-from cc_mujoco.errors import CableError
+from cc_mujoco._utils.atomic_io import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -87,19 +85,3 @@ def is_ours(path: Path) -> bool:
             return image.info.get("Software") == SOFTWARE_TAG
     except OSError:
         return False
-
-
-def figure_path(text: str) -> Path:
-    """Return the path at which a script saves its figure; a `type` of `argparse`.
-
-    Raises:
-        argparse.ArgumentTypeError: It is a folder, or a file that `save` did not write.
-    """
-    path = Path(text)
-    try:
-        if path.is_dir():
-            raise CableError(f"{text or 'an empty path'} is a folder; name a PNG file.")
-        require_own_file(path, is_ours)
-    except CableError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return path

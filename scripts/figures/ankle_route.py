@@ -15,6 +15,7 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from figure_paths import figure_path
 
 from cc_mujoco import Device, plugin, report, simulate
 from cc_mujoco.assets import scene_path
@@ -57,7 +58,7 @@ def walk(bend: str) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=report.figure_path)
+    parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out
     walks = {name: walk(name) for name in ("fixed", "route")}
     with report.style():

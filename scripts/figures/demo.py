@@ -18,6 +18,7 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from figure_paths import figure_path
 
 from cc_mujoco import (
     METRICS,  # importing it registers the environments
@@ -129,7 +130,7 @@ def draw(logs: dict[str, EpisodeLog], out: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=report.figure_path, default="controllers.png")
+    parser.add_argument("--out", type=figure_path, default="controllers.png")
     parser.add_argument("--record", type=Path, help="folder for the last of the three")
     parser.add_argument("--duration", type=float, default=5.0, help="[s]")
     arguments = parser.parse_args()

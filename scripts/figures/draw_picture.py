@@ -13,11 +13,12 @@ import argparse
 
 import gymnasium
 import numpy as np
+from figure_paths import figure_path
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from cc_mujoco import simulate
-from cc_mujoco.report import TENSION_COLORS, figure, figure_path, save
+from cc_mujoco.report import TENSION_COLORS, figure, save
 from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
 PLAYED = {"wrist": ("spring", 3.4), "exosuit": ({"hip": "swing"}, 2.42)}

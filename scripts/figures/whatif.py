@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from figure_paths import figure_path
 
 from cc_mujoco import report
 from cc_mujoco.design import study
@@ -151,7 +152,7 @@ def design(chart: Chart, value: float, along: Any) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("chart", choices=CHARTS)
-    parser.add_argument("out", type=report.figure_path)
+    parser.add_argument("out", type=figure_path)
     given = parser.parse_args()
     chart = CHARTS[given.chart]
     how = {name: value for name, value in chart.study.items() if name != "fixed"}

@@ -44,13 +44,6 @@ EFFECTS: dict[str, Effect] = {
 """Every effect of the library by its id."""
 
 
-def table_rows(effects: Iterable[Effect]) -> list[list[str]]:
-    """Return effects as rows of text for a table; rare ones have a star."""
-    named = [(each.id + ("*" if each.rare else ""), each) for each in effects]
-    rows = [[name, each.equation, each.required_excitation] for name, each in named]
-    return [["effect", "term", "required excitation"], *rows]
-
-
 def usual_effects() -> tuple[str, ...]:
     """Return the ids of the effects that every search considers."""
     return tuple(name for name, effect in EFFECTS.items() if not effect.rare)

@@ -116,7 +116,7 @@ def interval_text(figure: Figure, scale: float = 1.0) -> str:
 
 
 def effect_rows() -> list[list[str]]:
-    """Return effects as rows of text, the first of column names; rare ones by a star."""
+    """Return effects as rows of text, the first of column names; a star: rare."""
     named = [(e.id + ("*" if e.rare else ""), e) for e in EFFECTS.values()]
     rows = [[name, e.equation, e.required_excitation] for name, e in named]
     return [["effect", "term", "required excitation"], *rows]

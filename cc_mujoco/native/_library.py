@@ -279,7 +279,7 @@ def _sources() -> Iterator[tuple[str, bytes]]:
     for path in sorted(PACKAGE.rglob("*")):
         place = path.relative_to(PACKAGE)
         elsewhere = place.parts[0] in ("assets", "envs")  # of a checkout
-        if not elsewhere and path.suffix in (".py", ".h", ".c", ".csv"):
+        if not elsewhere and path.suffix in (".py", ".h", ".c", ".csv", ".toml"):
             yield place.as_posix(), path.read_bytes()
 
 

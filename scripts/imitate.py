@@ -1,6 +1,5 @@
 """Train policies by imitation of a controller that knows every plant.
 
-    pip install 'cc_mujoco[policy]'
     python scripts/imitate.py --scene ankle --out runs/ankle
     cc-mujoco benchmark ankle --controllers pi_tuned runs/ankle/0.safetensors
 
@@ -31,6 +30,7 @@ from typing import Any
 import numpy as np
 import train_policy
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from cc_mujoco import control
 from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
@@ -59,6 +59,7 @@ BANDWIDTH = 400.0
 """Bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
 slower plan leaves of a tremor, too."""
 WIDTHS = 128, 128  # units of the hidden layers
+BEND = np.float32(0.3)  # error above which a loss is linear, in deviations
 BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last round
 RATE, LAST_RATE = 1e-3, 3e-4  # rate of the optimiser in the first round and in the last
 
@@ -171,29 +172,40 @@ class Student:
 
     def __init__(self, seen: Singles, taught: Singles, seed: int) -> None:
         """Make a network for numbers of the size of these samples."""
-        import torch
-
-        # Sums of a thread each depend on how many there are; one gives one policy.
-        torch.set_num_threads(1)
-        torch.manual_seed(seed)
-        self._torch = torch
+        self._random = np.random.default_rng(seed)
         self._mean, self._deviation = seen.mean(axis=0), seen.std(axis=0) + 1e-3
         self._middle, self._unit = taught.mean(axis=0), taught.std(axis=0) + 1e-6
         widths = seen.shape[1], *WIDTHS, taught.shape[1]
-        layers: list[Any] = []
-        for own, following in itertools.pairwise(widths):
-            layers += [torch.nn.Linear(own, following), torch.nn.Tanh()]
-        self._layers = torch.nn.Sequential(*layers[:-1])
-        self._optimiser = torch.optim.Adam(self._layers.parameters())
+        shapes = [(own + 1, after) for own, after in itertools.pairwise(widths)]
+        drawn = [
+            self._random.uniform(-1.0, 1.0, shape) / np.sqrt(shape[0] - 1)
+            for shape in shapes
+        ]
+        self._values = np.concatenate([own.ravel() for own in drawn]).astype(np.float32)
+        ends = np.cumsum([own.size for own in drawn])[:-1]
+        self._layers = [
+            part.reshape(shape)
+            for part, shape in zip(np.split(self._values, ends), shapes, strict=True)
+        ]
+        """Weights of each layer and, in the last row, biases; views of `_values`."""
+        self._moments = np.zeros((2, self._values.size), np.float32)
+        self._steps = 0
 
     def __call__(self, seen: Singles) -> Singles:
         """Return the actions after observations (n, size)."""
-        with self._torch.no_grad():
-            found = self._layers(self._scaled(seen)).numpy()
-        return found * self._unit + self._middle
+        return self._outputs(self._scaled(seen))[-1] * self._unit + self._middle
 
-    def _scaled(self, seen: Singles) -> Any:
-        return self._torch.from_numpy((seen - self._mean) / self._deviation)
+    def _scaled(self, seen: Singles) -> Singles:
+        return (seen - self._mean) / self._deviation
+
+    def _outputs(self, given: Singles) -> list[Singles]:
+        """Return the input and the outputs of all layers."""
+        found = [given]
+        for layer in self._layers:
+            if len(found) > 1:
+                np.tanh(found[-1], out=found[-1])
+            found.append(found[-1] @ layer[:-1] + layer[-1])
+        return found
 
     def fit(
         self,
@@ -205,32 +217,53 @@ class Student:
     ) -> float:
         """Fit the network to observations (samples, size) and actions (samples, axes).
 
-        The rates are those of the optimiser at the first step and at the last. Returns
-        the mean loss.
+        Steps are those of D. Kingma, J. Ba, "Adam", ICLR 2015, on a Huber loss. The
+        rates are those of the optimiser at the first step and at the last. Returns the
+        mean loss.
         """
-        torch = self._torch
-        right = torch.from_numpy((taught - self._middle) / self._unit)
+        right = (taught - self._middle) / self._unit
         given, losses = self._scaled(seen), 0.0
-        for rate in np.linspace(*rates, steps):
-            self._optimiser.param_groups[0]["lr"] = rate
-            rows = torch.randint(len(given), (batch,))
-            loss = torch.nn.functional.smooth_l1_loss(
-                self._layers(given[rows]), right[rows], beta=0.3
-            )
-            self._optimiser.zero_grad()
-            loss.backward()
-            self._optimiser.step()
-            losses += loss.item()
+        for rate in np.linspace(*rates, steps, dtype=np.float32):
+            rows = self._random.integers(len(given), size=batch)
+            outputs = self._outputs(given[rows])
+            error = outputs[-1] - right[rows]
+            inner = np.clip(error, -BEND, BEND)
+            losses += float(np.mean(inner * (error - 0.5 * inner))) / BEND
+            self._step(self._slope(outputs, inner / (BEND * error.size)), rate)
         return losses / steps
 
+    def _slope(self, outputs: list[Singles], back: Singles) -> Singles:
+        """Return the derivatives of a loss with respect to `_values`.
+
+        `back` are those with respect to the outputs of the last layer.
+        """
+        found = []
+        for layer, given in zip(self._layers[::-1], outputs[-2::-1], strict=True):
+            found.append(np.vstack((given.T @ back, back.sum(axis=0))).ravel())
+            back = (back @ layer[:-1].T) * (1.0 - given * given)
+        return np.concatenate(found[::-1])
+
+    def _step(self, slope: Singles, rate: np.float32) -> None:
+        self._steps += 1
+        first, second = self._moments
+        first += np.float32(0.1) * (slope - first)
+        second += np.float32(1e-3) * (slope * slope - second)
+        mean = first / np.float32(1.0 - 0.9**self._steps)
+        spread = np.sqrt(second / np.float32(1.0 - 0.999**self._steps))
+        self._values -= rate * mean / (spread + np.float32(1e-8))
+
     def network(self) -> control.Network:
-        found = control.Network.of_layers(
-            self._layers, self._mean.astype(float), self._deviation.astype(float)
+        each = [layer.astype(float) for layer in self._layers]
+        each[-1] *= self._unit
+        each[-1][-1] += self._middle
+        return control.Network(
+            tuple(layer[:-1].T.copy() for layer in each),
+            tuple(layer[-1] for layer in each),
+            "tanh",
+            False,
+            self._mean.astype(float),
+            self._deviation.astype(float),
         )
-        weights, biases = list(found.weights), list(found.biases)
-        weights[-1] = self._unit[:, None] * weights[-1]
-        biases[-1] = self._unit * biases[-1] + self._middle
-        return dataclasses.replace(found, weights=tuple(weights), biases=tuple(biases))
 
 
 def train(options: argparse.Namespace) -> None:
@@ -289,9 +322,10 @@ def main() -> None:
         parser.error(str(error))
     if (there := options.out / f"{options.seed}.safetensors").exists():
         parser.error(f"{there} is there already; name another --out or --seed.")
-    train_policy.require("torch", "PyTorch")
     options.out.mkdir(parents=True, exist_ok=True)
-    train(options)
+    # Sums of a thread each depend on how many there are; one gives one policy.
+    with threadpool_limits(1, user_api="blas"):
+        train(options)
 
 
 if __name__ == "__main__":

@@ -117,7 +117,6 @@ def test_a_student_plays_some_environments_alone() -> None:
 def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     tmp_path: Path,
 ) -> None:
-    pytest.importorskip("torch")
     script = Path(imitate.__file__)
     words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
     more = ["--rounds", "2", "--updates", "5", "--envs", "6", "--seconds", "0.6"]
@@ -130,14 +129,13 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     ]
     network, observed = read_policy(tmp_path / "0.safetensors")
     room = classroom("finger")
-    assert list(observed) == room.env.exo.observed
+    assert tuple(observed) == room.env.exo.observed
     assert network.motors == 1
     again = subprocess.run(words, capture_output=True, cwd=script.parents[1])
     assert b"is there already" in again.stderr
 
 
 def test_a_network_of_the_file_acts_like_the_student() -> None:
-    pytest.importorskip("torch")
     random = np.random.default_rng(0)
     seen = random.normal(2.0, 3.0, (200, 5)).astype(np.float32)
     taught = (0.02 * seen[:, :2] + 0.1).astype(np.float32)
@@ -147,3 +145,23 @@ def test_a_network_of_the_file_acts_like_the_student() -> None:
     network: Network = student.network()
     for row, own in zip(seen[:20], student(seen[:20]), strict=True):
         assert network(row.astype(float)) == pytest.approx(own, abs=1e-6)
+
+
+def test_a_student_follows_the_slope_of_its_loss() -> None:
+    random = np.random.default_rng(1)
+    seen = random.normal(size=(40, 3)).astype(np.float32)
+    student = imitate.Student(seen, seen[:, :2], 0)
+    values = student._values
+
+    def loss() -> tuple[float, np.ndarray]:
+        outputs = student._outputs(seen)
+        return 0.5 * float(np.square(outputs[-1], dtype=float).sum()), outputs[-1]
+
+    slope = student._slope(student._outputs(seen), loss()[1])
+    for place in random.integers(values.size, size=20):
+        kept, ends = values[place], []
+        for change in (-1e-2, 1e-2):
+            values[place] = kept + np.float32(change)
+            ends.append(loss()[0])
+        values[place] = kept
+        assert slope[place] == pytest.approx((ends[1] - ends[0]) / 2e-2, abs=2e-2)

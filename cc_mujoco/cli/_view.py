@@ -13,9 +13,11 @@ class View:
     """An MJCF file with cables, the description of a device, or the name of a scene."""
 
     def run(self) -> None:
-        from cc_mujoco.viz._view import scene_file, view
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.scene)
+        from cc_mujoco.viz._view import view
         from cc_mujoco.viz._viewer import require_screen
 
-        scene_file(self.scene)
         require_screen("view")
         view(self.scene)

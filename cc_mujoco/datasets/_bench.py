@@ -37,7 +37,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import from_mjcf, route_tendon
 from cc_mujoco.plugin._engine import PLUGIN
-from cc_mujoco.plugin._spec import error_sentence, read_spec
+from cc_mujoco.plugin._spec import compile_spec, no_cable, read_spec
 
 
 @dataclass(frozen=True)
@@ -285,12 +285,10 @@ class Bench:
         source: str | Path = str(scene) if str(scene) in SCENES else Path(scene)
         _, path, table = locate(source)
         spec = read_spec(path)
-        try:
-            model = spec.compile()
-        except ValueError as error:
-            reason = error_sentence(error)
-            raise CableError(f"scene {path} does not load: {reason}") from None
+        model = compile_spec(spec, path)
         present = from_mjcf(spec)
+        if not present:
+            raise no_cable(path)
         described, torque_noise, columns = None, 0.0, {}
         if cables is None and (axis or table or len(present) > 2):
             device = load_device(source).description

@@ -26,6 +26,7 @@ from cc_mujoco.plugin._path_table import (
     compute_recorded_path,
     moving_joints,
 )
+from cc_mujoco.plugin._spec import read_spec
 
 Leading = Literal["", "bent", "open", "mixed"]
 """Part of a cable that the joint moves: "" for its end only, "bent" for the bends of
@@ -290,7 +291,7 @@ def _between(
 @lru_cache(maxsize=16)
 def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
     """Return the scene's model with `segments` segments per cable; 0 keeps its own."""
-    spec = mujoco.MjSpec.from_file(scene.path)
+    spec = read_spec(scene.path)
     for name, cable in from_mjcf(spec).items():
         if segments and name in scene.names:
             to_mjcf(spec, name, cable.replace(segments=segments))

@@ -30,13 +30,14 @@ from cc_mujoco.device._description import (
     rounded,
 )
 from cc_mujoco.device._device_files import hysteresis_of
-from cc_mujoco.device._moment_arm import Arms, moments
+from cc_mujoco.device._moment_arm import Arms
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover, joint_actuators
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._spec import add_element, error_sentence
+from cc_mujoco.plugin._readings import moments
+from cc_mujoco.plugin._spec import add_element, compile_spec, no_cable
 
 UNITS = {
     "twist": "motor_angle_rad",
@@ -103,19 +104,12 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     _hold_root(spec, keys)
     _name_parts(spec)
     _require_targets(spec, scene)
-    try:
-        # A copy, as some elements cannot be deleted from a compiled specification.
-        model = spec.copy().compile()
-    except ValueError as error:
-        reason = error_sentence(error)
-        raise CableError(f"scene {scene} does not compile: {reason}") from None
+    # A copy, as some elements cannot be deleted from a compiled specification.
+    model = compile_spec(spec.copy(), scene)
     _warn_of_degrees(model, scene)
     cables = plugin.from_mjcf(spec)
     if not cables:
-        raise CableError(
-            f"scene {scene} has no cable: give it a `plugin` of {PLUGIN!r}, or write "
-            "one with `add_cable` or `add_friction`."
-        )
+        raise no_cable(scene)
     arms = Arms(model, mujoco.MjData(model))
     whole = _Scene(scene, spec, arms, cables, _ends(arms, cables))
     found = _axes(whole, table)

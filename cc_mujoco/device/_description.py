@@ -181,7 +181,7 @@ class Description:
 def device_label(scene: str) -> str:
     """Return the name of a device for tables: its path without folder and ending."""
     name = Path(scene).name
-    return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
+    return name.removesuffix(ENDING) if name.endswith(ENDING) else Path(name).stem
 
 
 GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"  # origins of a property

@@ -20,7 +20,8 @@ from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device._description import ENDING
 from cc_mujoco.errors import CableError
 
-FILE_ENDINGS = (".xml", ".toml")
+SCENE_ENDINGS = (".xml", ".mjz", ".urdf")
+FILE_ENDINGS = (*SCENE_ENDINGS, ".toml")
 
 
 def is_device_file(source: str | Path) -> bool:
@@ -42,7 +43,8 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
     path = Path(source)
     if path.suffix not in FILE_ENDINGS and path.is_file():
         raise CableError(
-            f"{name} is no MJCF file of a device (.xml, in lower case) or TOML file."
+            f"{name} is no model of a device, whose name ends in "
+            f"{', '.join(SCENE_ENDINGS)} (in lower case), nor its description (.toml)."
         )
     if path.is_dir():
         raise CableError(f"{name} is a folder; give the MJCF file of a device in it.")
@@ -55,8 +57,9 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         raise CableError(f"there is no file {name}; give an MJCF file of a device.")
     if path.suffix == ".toml":
         stem = path.name.removesuffix(ENDING).removesuffix(".toml")
-        scene_name = read_toml(path).text("scene") or f"{stem}.xml"
-        scene = path.parent / scene_name
+        given = read_toml(path).text("scene")
+        tried = [path.parent / (given or stem + ending) for ending in SCENE_ENDINGS]
+        scene = next((file for file in tried if file.is_file()), tried[0])
         if not scene.is_file():
             raise CableError(
                 f"{path}: there is no scene {scene}; write its path as `scene`."

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from cc_mujoco.device._axis_record import MIN_LEVERAGE
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.native import FloatArray as Array
+from cc_mujoco.plugin._readings import moments
 
 
 class Winding(NamedTuple):
@@ -242,20 +243,6 @@ class Arms:
             place = -1 if on_joint else start + dofs.index(dof)
             found.append(Actuator(out, float(model.actuator_gear[actuator, 0]), place))
         return tuple(found)
-
-
-def moments(
-    model: mujoco.MjModel, data: mujoco.MjData, poses: Sequence[Array]
-) -> Array:
-    """Return all actuators' moment arms (poses, outputs, nv); `data` are changed."""
-    mujoco.mj_resetData(model, data)
-    found = np.zeros((len(poses), model.nout, model.nv))
-    for dense, qpos in zip(found, poses, strict=True):
-        data.qpos[:] = qpos
-        mujoco.mj_fwdPosition(model, data)
-        sparse = data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        mujoco.mju_sparse2dense(dense, data.actuator_moment, *sparse)
-    return found
 
 
 def _poses(model: mujoco.MjModel) -> list[Array]:

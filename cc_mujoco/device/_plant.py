@@ -238,7 +238,7 @@ class Plant:
             if RADII[1] in self._own(name) and not (joint or self._lever(name)):
                 raise CableError(
                     f"variable {RADII[1]!r} cannot be varied for cable {name!r}, whose "
-                    "tendon has no lever that moves; the scene draws its path."
+                    "tendon has no lever that moves; the scene sets its moment arms."
                 )
         for name, cable in self.cables.items():
             if cable.route and scene.spec.tendon(cable.route) is None:

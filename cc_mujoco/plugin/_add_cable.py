@@ -28,12 +28,14 @@ from typing import Any, TypeAlias
 import mujoco
 import numpy as np
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable._cable import Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _spec as specs
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf
+from cc_mujoco.plugin._readings import moments
 from cc_mujoco.plugin._tendons.account import (
     ENDS,
     AddedCables,
@@ -48,6 +50,7 @@ ROTOR_INERTIA, ROTOR_DAMPING, MOTOR_MASS = 5e-3, 1e-2, 0.5
 """Default inertia [kg m^2], damping [N m s/rad] and mass [kg] of a new rotor."""
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +151,7 @@ def add_cable(
             a route to draw one, a sensor reads the actuator to replace, a number is out
             of its range, or the model does not compile. The specification is as before.
     """
-    specs.require_spec(spec)
+    require_kind("spec", spec, mujoco.MjSpec)
     if not isinstance(name, str) or not name:
         raise CableError(f"name must be the name of the new cable, not {name!r}.")
     if any(p.plugin_name == PLUGIN and p.name == name for p in spec.plugins):
@@ -224,6 +227,9 @@ def _report(
             lines.append(f"nothing but the cable turns joint {drive.motor!r} yet")
     if gone is not None:
         lines.append(f"{actuator_label(before, gone)}: deleted")
+    if before.jnt_actfrclimited[before.joint(drive.joint).id]:
+        what = "`actuatorfrcrange`, which would clamp the cable"
+        lines.append(f"joint {drive.joint!r}: {what}, deleted")
     for i in _driving(after, drive.joint, name):
         servo = after.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE
         effect = "holds it against the cable" if servo else "adds its force"
@@ -247,20 +253,13 @@ def _arms(model: mujoco.MjModel, joint: str) -> FloatArray:
 
     Poses: `qpos0`, and seven of the joint in its range, or +-0.5 rad.
     """
-    data, own = mujoco.MjData(model), model.joint(joint)
+    own = model.joint(joint)
     low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
-    arms = np.zeros(model.nactuator)
-    dense = np.zeros((model.nu, model.nv))
-    for value in (model.qpos0[own.qposadr[0]], *np.linspace(low, high, 7)):
-        data.qpos[own.qposadr[0]] = value
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mju_sparse2dense(
-            dense, data.actuator_moment.ravel(), data.moment_rownnz,
-            data.moment_rowadr, data.moment_colind.ravel(),
-        )  # fmt: skip
-        moments = dense[model.actuator_outadr, own.dofadr[0]]
-        arms = np.maximum(arms, np.abs(moments))
-    return arms
+    poses = np.tile(model.qpos0, (8, 1))
+    poses[1:, own.qposadr[0]] = np.linspace(low, high, 7)
+    found = moments(model, mujoco.MjData(model), [*poses])
+    arms = np.abs(found[:, model.actuator_outadr, own.dofadr[0]])
+    return np.asarray(arms.max(axis=0))
 
 
 def _cable(
@@ -343,6 +342,9 @@ def _write(
     if drive.replace is not None:
         specs.delete_actuator(spec, model, drive.replace)
     _write_path(spec, drive)
+    others = [a.target for a in spec.actuators if a.trntype in _AT_JOINT]
+    if drive.joint not in others:  # it limited a motor, as `effort` in a URDF does
+        spec.joint(drive.joint).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     motor = drive.motor
     if drive.mount is not None:
         motor = f"{drive.name}_winch"
@@ -512,8 +514,7 @@ def _replaced(spec: mujoco.MjSpec, actuator: Any, driven: str) -> int | None:
     if isinstance(actuator, mujoco.MjsActuator):
         actuator = actuator.name or actuator.id
     found = specs.find_element("actuator", actuator, spec.actuators)
-    kinds = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT
-    if found.trntype not in kinds or found.target != driven:
+    if found.trntype not in _AT_JOINT or found.target != driven:
         here = [
             a.name or str(i) for i, a in enumerate(spec.actuators) if a.target == driven
         ]

@@ -75,11 +75,6 @@ def is_spatial(model: MjModel, tendon: int) -> bool:
 @internal
 def blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
     ffi.append(message, "its actuator ")
-    _blame(message, model, actuator, why)
-
-
-@internal
-def _blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
     name = ffi.name(model, model.name_actuatoradr[actuator])
     ffi.append_label(message, name, actuator)
     ffi.append(message, why)
@@ -122,12 +117,11 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
     """Return the reason why an actuator cannot be an end of a cable, or no text."""
     joint, tendon = holding_joint(model, actuator), holding_tendon(model, actuator)
     kind = model.jnt_type[joint] if joint >= 0 else -1
-    turns = kind == mjtJoint.mjJNT_HINGE
-    moves = turns or kind == mjtJoint.mjJNT_SLIDE
-    if not moves and not (tendon >= 0 and is_spatial(model, tendon)):
+    moves = kind == mjtJoint.mjJNT_HINGE or kind == mjtJoint.mjJNT_SLIDE
+    if not moves and tendon < 0:
         return (
             " has the wrong transmission; it must be a hinge or slide `joint` or a "
-            "spatial `tendon`"
+            "`tendon`"
         )
     radius = end_radius(model, actuator)
     if radius == 0.0 or not math.isfinite(radius):
@@ -140,10 +134,10 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
             " has a `forcerange`, its own or that of a default, which would clamp the "
             'tension of the cable; set forcelimited="false" there'
         )
-    if turns and abs(radius) >= 1.0:
+    if abs(radius) * _most_turning(model, joint, tendon) >= 1.0:
         return (
-            " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` "
-            "must be the signed pulley radius in metres"
+            " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear`, "
+            "times `coef` of a fixed tendon, must be the signed pulley radius in metres"
         )
     drag = model.actuator_dampingpoly[actuator]
     if model.actuator_damping[actuator] != 0.0 or drag[0] != 0.0 or drag[1] != 0.0:
@@ -176,10 +170,27 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
 
 
 @internal
+def _most_turning(model: MjModel, joint: int, tendon: int) -> float:
+    """Return the largest factor by which hinges turn an end's joint or fixed tendon."""
+    if tendon < 0:
+        return float(model.jnt_type[joint] == mjtJoint.mjJNT_HINGE)
+    most = 0.0
+    for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
+        if model.wrap_type[i] == mjtWrap.mjWRAP_JOINT:
+            turns = model.jnt_type[model.wrap_objid[i]] == mjtJoint.mjJNT_HINGE
+            most = max(most, abs(model.wrap_prm[i]) if turns else 0.0)
+    return most
+
+
+@internal
 def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
     carried = model.jnt_bodyid[joint]
     inside, outside = 0, 0
     for i in range(model.tendon_adr[tendon], ffi.path_end(model, tendon)):
+        if model.wrap_type[i] == mjtWrap.mjWRAP_JOINT:
+            if model.wrap_objid[i] == joint:
+                return True
+            continue
         body = ffi.wrap_body(model, i)
         if body < 0:
             continue
@@ -348,11 +359,13 @@ def explain_bypass(
         pulls = holding_tendon(model, actuator) == tendon
         if pulls and model.actuator_plugin[actuator] != instance:
             ffi.append(message, "actuator ")
-            why: ffi.Bytes = (
+            name = ffi.name(model, model.name_actuatoradr[actuator])
+            ffi.append_label(message, name, actuator)
+            ffi.append(
+                message,
                 " pulls its tendon as a whole, which passes friction by; give it the "
-                "joint of a drum, and that joint to the proximal end"
+                "joint of a drum, and that joint to the proximal end",
             )
-            _blame(message, model, actuator, why)
             return
     feature = _tendon_feature(model, tendon)
     if feature.size > 0:
@@ -487,8 +500,8 @@ def explain_sleep(message: ffi.Message, model: MjModel, body: int) -> None:
 
 @internal
 def pushes(model: MjModel, actuator: int, distal: bool) -> bool:
-    radius = end_radius(model, actuator)
-    return holding_tendon(model, actuator) >= 0 and (radius < 0.0) == distal
+    tendon, radius = holding_tendon(model, actuator), end_radius(model, actuator)
+    return tendon >= 0 and is_spatial(model, tendon) and (radius < 0.0) == distal
 
 
 @internal

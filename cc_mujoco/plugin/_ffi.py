@@ -341,10 +341,12 @@ def path_end(model: MjModel, tendon: int) -> int:
 
 @internal
 def wrap_body(model: MjModel, place: int) -> int:
-    """Return the body of the site or geom at an index in `wrap_type`; pulleys: -1."""
+    """Return the body of the joint, site or geom at `place` in `wrap_type`, or -1."""
     if model.wrap_type[place] == mjtWrap.mjWRAP_PULLEY:
         return -1
     thing = model.wrap_objid[place]
+    if model.wrap_type[place] == mjtWrap.mjWRAP_JOINT:
+        return int(model.jnt_bodyid[thing])
     if model.wrap_type[place] == mjtWrap.mjWRAP_SITE:
         return int(model.site_bodyid[thing])
     return int(model.geom_bodyid[thing])

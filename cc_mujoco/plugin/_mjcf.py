@@ -31,7 +31,7 @@ from cc_mujoco.plugin._registration import plugin_slot
 from cc_mujoco.plugin._spec import add_element, plain_errors, read_spec
 
 End = tuple[Any, float]
-"""An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
+"""An end of a cable: joint or tendon, or its name; signed pulley radius [m]."""
 SPARE_BYTES = 1000
 """Bytes that `make_room` adds to each cable, for a longer configuration later."""
 
@@ -86,7 +86,7 @@ def to_mjcf(
         spec: the specification to change.
         name: name of the plugin instance.
         cable: its new configuration.
-        proximal: joint or spatial tendon of the motor's end, and the signed pulley
+        proximal: joint or tendon of the motor's end, and the signed pulley
             radius [m]; an existing instance keeps its own unless given.
         distal: joint or tendon of the joint's end, and radius, likewise.
 
@@ -99,7 +99,7 @@ def to_mjcf(
     used = [a for a in spec.actuators if found and a.plugin.name == name]
     ends = {"proximal": proximal, "distal": distal}
     targets = {
-        end: _target(spec, name, *given)
+        end: end_target(spec, name, *given)
         for end, given in ends.items()
         if given is not None
     }
@@ -245,7 +245,7 @@ def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
     return Cable.from_config(given, where)
 
 
-def _target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
+def end_target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
     if not (np.isfinite(gear) and gear != 0.0):
         raise CableError(
             f"cable {name!r}: gear {gear!r} is no pulley radius; it must be a signed "

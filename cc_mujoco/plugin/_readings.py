@@ -9,6 +9,7 @@ MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
 RK4 `data.actuator_force` is that of the last stage.
 """
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -246,3 +247,17 @@ def held_instance(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> int:
 
 def _instance(model: mujoco.MjModel, name: str) -> int:
     return look_up("cable", name, instances(model))
+
+
+def moments(
+    model: mujoco.MjModel, data: mujoco.MjData, poses: Sequence[FloatArray]
+) -> FloatArray:
+    """Return all actuators' moment arms (poses, outputs, nv); `data` are changed."""
+    mujoco.mj_resetData(model, data)
+    found = np.zeros((len(poses), model.nout, model.nv))
+    for dense, qpos in zip(found, poses, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        sparse = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        mujoco.mju_sparse2dense(dense, data.actuator_moment, *sparse)
+    return found

@@ -5,6 +5,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -105,14 +106,6 @@ def require_parameters(given: Iterable[str], left_out: Collection[str]) -> None:
             raise CableError.unknown("cable parameter", key, allowed)
 
 
-def require_spec(spec: Any) -> None:
-    if not isinstance(spec, mujoco.MjSpec):
-        raise CableError(
-            "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
-            f"{type(spec).__name__}."
-        )
-
-
 @contextmanager
 def plain_errors() -> Iterator[None]:
     """Turn a `ValueError` of MuJoCo into a `CableError` of one sentence."""
@@ -120,7 +113,7 @@ def plain_errors() -> Iterator[None]:
         yield
     except CableError:
         raise
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         raise CableError(error_sentence(error)) from None
 
 
@@ -138,26 +131,67 @@ def muted_warnings() -> Iterator[None]:
 
 
 def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
-    """Return the scene of an MJCF file; raise a `CableError` if it does not load."""
+    """Return the scene of an MJCF, MJZ or URDF file; raise a `CableError` of others."""
     require_utf8(os.fspath(path))
     try:
         return mujoco.MjSpec.from_file(os.fspath(path))
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         reason = error_sentence(error)
-    if "XML parse error" in reason:  # of which MuJoCo gives a number
-        try:
+    name, ending = os.path.splitext(os.path.basename(path))
+    if ending == ".mjz" and "archive" in reason:
+        reason = (
+            f"it must be a zip archive with the model in {name}.xml, "
+            f"{name}/{name}.xml or model.xml"
+        )
+    elif "XML parse error" in reason and ending != ".mjz":
+        try:  # MuJoCo gives a number
             ElementTree.parse(path)
         except ElementTree.ParseError as error:
             reason = f"it is no XML: {error}"
     raise CableError(f"scene {path} does not load: {reason}")
 
 
-def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    with plain_errors():
-        return spec.compile()
+def compile_spec(spec: mujoco.MjSpec, scene: object = "") -> mujoco.MjModel:
+    """Return the model of a specification, and name its `scene` in errors."""
+    keys = len(spec.keys)
+    try:
+        _find_packages(spec)
+        model = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        where = f"scene {scene} does not load: " if scene else ""
+        raise CableError(where + error_sentence(error)) from None
+    # MuJoCo adds keyframes up to `nkey`, which have no name and cannot be attached.
+    for key in [*spec.keys][keys:]:
+        spec.delete(key)
+    return model
 
 
-def error_sentence(error: ValueError) -> str:
+def _find_packages(spec: mujoco.MjSpec) -> None:
+    """Find meshes at `package://NAME/...` in a folder NAME above the URDF's folder."""
+    folder = Path(spec.modelfiledir).absolute()
+    for mesh in spec.meshes:
+        scheme, _, rest = mesh.file.partition("package://")
+        if rest and not scheme:
+            tried = (parent / rest for parent in (folder, *folder.parents))
+            found = [str(file) for file in tried if file.is_file()]
+            if not found:
+                raise CableError(
+                    f"there is no {mesh.file}: {folder} and the folders above it "
+                    f"contain no {rest}"
+                )
+            mesh.file = found[0]
+
+
+def no_cable(scene: object) -> CableError:
+    return CableError(
+        f"scene {scene} has no cable: give `mujoco.MjSpec.from_file({str(scene)!r})` a "
+        "motor and a cable by `cc_mujoco.add_cable`, or its tendons friction by "
+        "`add_friction`, and keep it by its `encode('NEW.mjz')`; or write a `plugin` "
+        f"{PLUGIN!r} into the MJCF."
+    )
+
+
+def error_sentence(error: Exception) -> str:
     """Return MuJoCo's message without repetition, or the plugin's sentence in it."""
     lines: list[str] = []
     for line in str(error).split("\n"):

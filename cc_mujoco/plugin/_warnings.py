@@ -645,8 +645,10 @@ def warn_jump(
                 continue
             moved = ends[part] - kept.ends[part]
             tendon = attachments.holding_tendon(model, block.actuators[part])
+            if tendon >= 0 and not attachments.is_spatial(model, tendon):
+                tendon = -1
             if tendon < 0 and not by_hand:
-                continue  # a joint moves by its velocity
+                continue  # joints move by their velocity
             share = abs(attachments.pulley_radius(model, block.outputs[part]))
         carried = 0.0
         if tendon >= 0:

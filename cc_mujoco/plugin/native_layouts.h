@@ -58,7 +58,7 @@ static const KnownLayout known_layouts[] = {
   .mjModel_tendon_frictionloss=4672, .mjModel_tendon_invweight0=4696,
   .mjModel_tendon_length0=4688, .mjModel_tendon_limited=4552, .mjModel_tendon_num=4480,
   .mjModel_tendon_stiffness=4632, .mjModel_tree_sleep_policy=2408,
-  .mjModel_wrap_objid=4728, .mjModel_wrap_type=4720}},
+  .mjModel_wrap_objid=4728, .mjModel_wrap_prm=4736, .mjModel_wrap_type=4720}},
 {4000000, {.mjContact=608, .mjContact_efc_address=600, .mjContact_friction=112,
   .mjData_actuator_force=161416, .mjData_actuator_length=161152,
   .mjData_actuator_moment=161184, .mjData_actuator_velocity=161288,
@@ -112,5 +112,5 @@ static const KnownLayout known_layouts[] = {
   .mjModel_tendon_frictionloss=4688, .mjModel_tendon_invweight0=4720,
   .mjModel_tendon_length0=4712, .mjModel_tendon_limited=4568, .mjModel_tendon_num=4488,
   .mjModel_tendon_stiffness=4648, .mjModel_tree_sleep_policy=2424,
-  .mjModel_wrap_objid=4752, .mjModel_wrap_type=4744}},
+  .mjModel_wrap_objid=4752, .mjModel_wrap_prm=4760, .mjModel_wrap_type=4744}},
 };

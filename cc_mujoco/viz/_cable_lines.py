@@ -22,6 +22,7 @@ from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.native import FloatArray as Array
+from cc_mujoco.plugin._attachments import holding_tendon, is_spatial
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.viz import _scene3d as scene3d
 
@@ -189,7 +190,7 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     if plugin.from_mjcf(model)[cable].route:
         return plugin.route_tendon(model, cable)
     ends = _actuators(model, cable)
-    held = {int(model.actuator_trnid[end, 0]) for end in ends if _on_tendon(model, end)}
+    held = {holding_tendon(model, end) for end in ends} - {-1}
     sites = {site for tendon in held for site in _end_sites(model, tendon)} - {-1}
     by_tendon = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
     users = model.actuator_trnid[by_tendon, 0].tolist()
@@ -201,7 +202,7 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     scene3d.set_pose(model, data, model.qpos0)
     places = []
     for end in ends:
-        firsts = (True, False) if _on_tendon(model, end) else (True,)
+        firsts = (True, False) if holding_tendon(model, end) >= 0 else (True,)
         places.append({first: _place(model, data, end, first) for first in firsts})
     near_end, far_end = places
     lengths = {}
@@ -220,19 +221,14 @@ def _ropes(
     sites = (-1, -1) if conduit < 0 else _end_sites(model, conduit)
     for part, end, site in zip((MOTOR_END, JOINT_END), ends, sites, strict=True):
         for tendon, _ in scene3d.visible_tendons(model, [conduit]):
-            holds = _on_tendon(model, end) and model.actuator_trnid[end, 0] == tendon
             begins = site >= 0 and site in _end_sites(model, tendon)
-            if holds or begins:
+            if begins or holding_tendon(model, end) == tendon:
                 yield part, tendon
 
 
 def _actuators(model: mujoco.MjModel, cable: str) -> tuple[int, int]:
     first, second = np.flatnonzero(model.actuator_plugin == instances(model)[cable])
     return int(first), int(second)
-
-
-def _on_tendon(model: mujoco.MjModel, actuator: int) -> bool:
-    return bool(model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON)
 
 
 def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
@@ -248,10 +244,13 @@ def _place(
     model: mujoco.MjModel, data: mujoco.MjData, actuator: int, first: bool
 ) -> Array:
     """Return a cable end (3,) [m]: joint's anchor, or tendon's `first` or last."""
-    target = int(model.actuator_trnid[actuator, 0])
-    if _on_tendon(model, actuator):
-        return np.array(scene3d.tendon_points(data, target)[0 if first else -1])
-    return np.array(data.xanchor[target])
+    tendon, place = holding_tendon(model, actuator), 0 if first else -1
+    if tendon < 0:
+        return np.array(data.xanchor[model.actuator_trnid[actuator, 0]])
+    if is_spatial(model, tendon):
+        return np.array(scene3d.tendon_points(data, tendon)[place])
+    start, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+    return np.array(data.xanchor[model.wrap_objid[start : start + count][place]])
 
 
 class Capsules:

@@ -15,6 +15,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray as Array
+from cc_mujoco.plugin._attachments import is_spatial
 from cc_mujoco.viz._film_plots import frame_slices
 
 
@@ -232,11 +233,6 @@ def visible_tendons(
         rgba = ROPE_COLOR.copy() if plain else own_color(model, rgba, material)
         if tendon not in skipped and is_spatial(model, tendon) and rgba[3] > 0:
             yield tendon, rgba
-
-
-def is_spatial(model: mujoco.MjModel, tendon: int) -> bool:
-    kind = model.wrap_type[model.tendon_adr[tendon]]
-    return bool(kind != mujoco.mjtWrap.mjWRAP_JOINT)
 
 
 def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:

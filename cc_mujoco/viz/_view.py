@@ -15,48 +15,28 @@ import mujoco
 import numpy as np
 
 from cc_mujoco import plugin
-from cc_mujoco.assets import SCENES, scene_path
-from cc_mujoco.device import find_device
+from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._model import cable_columns
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
-from cc_mujoco.plugin._spec import error_sentence, read_spec
+from cc_mujoco.plugin._spec import compile_spec, read_spec
 from cc_mujoco.viz import _live_controls as live_controls
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
 
 
-def scene_file(scene: str) -> Path:
-    """Return the MJCF file of a scene: a path, that of a description, or a name."""
-    if Path(scene).suffix.lower() == ".toml":
-        path = find_device(scene).path
-        assert path is not None  # it was read from a file
-        return path
-    if Path(scene).suffix.lower() in (".xml", ".mjcf"):
-        if not Path(scene).is_file():
-            raise CableError(f"there is no file {scene}.")
-        return Path(scene)
-    if scene not in SCENES:
-        raise CableError(
-            f"{CableError.unknown('scene', scene, SCENES)} A scene of your own is "
-            "given by its MJCF file, for example knee.xml."
-        )
-    return scene_path(scene)
-
-
 def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
-    """Return the file of a scene (see `scene_file`), its specification and its model.
+    """Return the file of a scene (see `locate`), its specification and its model.
 
     The model has room for other parameters of its cables, so that they can change.
     """
-    path = scene_file(scene)
+    path = locate(scene)[1]
     spec = read_spec(path)
     try:
         make_room(spec)
-        model = spec.compile()
         plugin.from_mjcf(spec)  # refuses empty keys, which MuJoCo takes for none
-        return path, spec, model
-    except ValueError as error:
-        raise CableError(f"{path}: {error_sentence(error)}") from None
+    except CableError as error:
+        raise CableError(f"{path}: {error}") from None
+    return path, spec, compile_spec(spec, path)
 
 
 def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:

@@ -6,12 +6,13 @@
 import mujoco
 import numpy as np
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable._route import Route
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._path_table import routes
-from cc_mujoco.plugin._spec import compile_spec, require_spec
+from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.warp._model import HeldCable, force_of_callback, require_supported
 
 
@@ -29,7 +30,7 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
         CableError: it is no specification, or has a cable that cannot be used, or an
             integrator that is not supported in mujoco_warp.
     """
-    require_spec(spec)
+    require_kind("spec", spec, mujoco.MjSpec)
     from_mjcf(spec)
     require_supported(int(spec.option.integrator))
     plain = spec.copy()

@@ -18,8 +18,8 @@ from cc_mujoco.control._decoupling import (
 )
 from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
-from cc_mujoco.device._moment_arm import moments
 from cc_mujoco.errors import CableError
+from cc_mujoco.plugin._readings import moments
 from cc_mujoco.simulation import EpisodeLog, simulate
 
 Array = NDArray[np.float64]

@@ -186,5 +186,5 @@ def test_a_scene_without_cable_or_file_is_refused(tmp_path: Path) -> None:
         Bench.of(tmp_path / "none.xml")
     path = tmp_path / "empty.xml"
     path.write_text("<mujoco/>", encoding="utf-8")
-    with pytest.raises(CableError, match="has 0 cables"):
+    with pytest.raises(CableError, match="has no cable: give"):
         Bench.of(path)

@@ -286,7 +286,7 @@ def test_a_scene_with_other_pulleys_is_bad_input(
         ("", "empty file"),
         ("hello", "does not load: it is no XML: syntax error: line 1"),
         ("<html/>", "html"),
-        ("<mujoco/>", "has 0 cables"),
+        ("<mujoco/>", "has no cable: give"),
         ("<mujoco", "XML"),
     ],
 )

@@ -411,7 +411,7 @@ def test_a_second_cable_needs_its_own_name() -> None:
         cc_mujoco.add_cable(spec, "other", **again)
     assert spec.to_xml() == before
     wrong: Any = LEG
-    with pytest.raises(CableError, match="spec must be an MjSpec"):
+    with pytest.raises(CableError, match="spec must be a MjSpec, not"):
         cc_mujoco.add_cable(wrong, "cord", **again)
 
 

@@ -118,7 +118,7 @@ DISTAL = end("two", "flexor", 'joint="wrist"', -0.05)
         (PROXIMAL + DISTAL + end("three", "flexor", 'joint="sledge"', 1),
          ["used by 3 actuators", "used by two"]),
         (PROXIMAL + end("two", "flexor", 'joint="ball"', 1), ["'two'", "transmission"]),
-        (PROXIMAL + end("two", "flexor", 'tendon="mix"', 1), ["'two'", "transmission"]),
+        (PROXIMAL + end("two", "flexor", 'tendon="mix"', 1), ["'two'", "`coef`"]),
         (PROXIMAL + end("two", "flexor", 'site="hook"', 1), ["'two'", "transmission"]),
         (PROXIMAL + end("two", "flexor", 'jointinparent="wrist"', 1),
          ["'two'", "transmission"]),

@@ -146,7 +146,7 @@ def test_what_cannot_be_is_refused_in_one_sentence() -> None:
             ends: dict[str, Any] = {end: (drum, 0.02)}
             with pytest.raises(CableError, match=f"{end} must be a hinge.*'sled'"):
                 cc_mujoco.add_friction(spec, "cord", friction=0.1, **ends)
-    with pytest.raises(CableError, match=r"spec must be an MjSpec.* not str"):
+    with pytest.raises(CableError, match="spec must be a MjSpec, not 'w'"):
         cc_mujoco.add_friction(wrong, "cord", friction=0.1)
     with pytest.raises(CableError, match="add_friction needs friction="):
         cc_mujoco.add_friction(spec_of(), "cord")

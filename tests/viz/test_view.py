@@ -15,7 +15,7 @@ from cc_mujoco import cli, plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.errors import CableError
 from cc_mujoco.viz._live_controls import ENTER, ESCAPE, HOME, UP
-from cc_mujoco.viz._view import scene_file, view
+from cc_mujoco.viz._view import read_scene, view
 from cc_mujoco.viz._viewer import Frame
 
 SCENE = """<mujoco>
@@ -148,6 +148,6 @@ def test_a_description_opens_its_scene(tmp_path: Path) -> None:
     scene, description = tmp_path / "mine.xml", tmp_path / "mine.device.toml"
     shutil.copy(scene_path("bench"), scene)
     description.write_text('meaning = "a bench"\n')
-    assert scene_file(str(description)) == scene
+    assert read_scene(str(description))[0] == scene
     with pytest.raises(CableError, match=r"did you mean 'wrist'.*its MJCF file"):
-        scene_file("wirst")
+        read_scene("wirst")

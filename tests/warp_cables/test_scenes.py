@@ -29,12 +29,22 @@ def ankle_control(time: float) -> list[float]:
     return [8 * (1 - np.cos(5 * time)), wearer[0], wearer[1], wearer[2] - 0.4]
 
 
-SCENES = {"wrist": wrist_control, "ankle": ankle_control}
+def differential_control(time: float) -> list[float]:
+    drives = [3 + 2 * np.sin(7 * time), 2 - 2 * np.sin(5 * time)]
+    return [*drives, 0.3 * np.sin(4 * time), 0.3 * np.cos(3 * time) - 0.4]
+
+
+SCENES = {
+    "wrist": wrist_control, "ankle": ankle_control, "differential": differential_control
+}  # fmt: skip
+EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
 
 
 def scene(name: str, step: float = 5e-4, away: float = 0.0) -> mujoco.MjSpec:
     """Return a scene, the world moved by so many metres."""
-    text = Path(scene_path(name)).read_text("utf-8")
+    own = EXAMPLES / f"{name}.xml"
+    path = own if own.is_file() else Path(scene_path(name))
+    text = path.read_text("utf-8")
     text = text.replace("<worldbody>", f'<worldbody><frame pos="{away} 0 0">')
     spec = mujoco.MjSpec.from_string(
         text.replace("</worldbody>", "</frame></worldbody>")
@@ -85,6 +95,7 @@ def held(time: float, hold: float) -> float:
         ("wrist", 2.0, 0.0, 1e-5, 1e-4),
         ("ankle", 1.0, 0.0, 1e-5, 1e-4),
         ("ankle", 1.0, 100.0, 1e-4, 1e-3),
+        ("differential", 1.0, 0.0, 1e-5, 3e-4),  # held ends of 9 MN/m in single floats
     ],
 )
 def test_a_scene_moves_as_with_the_plugin(name, seconds, away, angle, tension):

@@ -37,7 +37,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import settle, step_limits, to_mjcf
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._spec import error_sentence, read_spec
+from cc_mujoco.plugin._spec import compile_spec, read_spec
 from cc_mujoco.report._html import list_words
 
 
@@ -76,7 +76,7 @@ def repair_scene(
             "those of the scene; give changed ones"
         )
     bench = replace(bench, cables=tuple(cables))
-    spec = MjSpec.from_file(str(bench.path))
+    spec = read_spec(bench.path)
     for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
         proximal = (bench.motor, sign * bench.motor_radius)
         distal = (bench.joint, sign * bench.joint_radius)
@@ -190,7 +190,7 @@ def _comment(
 
 def require_repairable(bench: Bench) -> None:
     """Require that the scene can be repaired, or say what to change in it."""
-    spec = MjSpec.from_file(str(bench.path))
+    spec = read_spec(bench.path)
     _check_settings(spec, bench)
     typical = {p.name: p.typical for e in EFFECTS.values() for p in e.parameters}
     everything = {  # offsets have no entry in the library
@@ -499,7 +499,7 @@ def _other_angles(
     return found
 
 
-def _without_strangers(spec: MjSpec, bench: Bench) -> MjModel:
+def _delete_strangers(spec: MjSpec, bench: Bench) -> None:
     gone = [a for a in spec.actuators if a.plugin.name in bench.strangers]
     names = {actuator.name for actuator in gone if actuator.name}
     shown = mjtObj.mjOBJ_ACTUATOR
@@ -508,7 +508,6 @@ def _without_strangers(spec: MjSpec, bench: Bench) -> MjModel:
             spec.delete(sensor)
     for actuator in gone:  # and with them the instances of the plugin
         spec.delete(actuator)
-    return spec.compile()
 
 
 def _instrumented_model(
@@ -523,19 +522,15 @@ def _instrumented_model(
     if not os.path.isfile(scene):
         raise CableError(f"scene {scene} is no file; give an MJCF file")
     spec = read_spec(scene)
-    try:
-        if all(map(spec.tuple, TORQUES)) and all(map(spec.sensor, ANGLES)):
-            return spec.compile(), None
+    bench = None
+    if not (all(map(spec.tuple, TORQUES)) and all(map(spec.sensor, ANGLES))):
         bench = Bench.of(os.fspath(scene), cables=cables, driven=driven)
         if bench.lever is not None:
-            return _without_strangers(spec, bench), bench
-        realisation.add_instruments(spec, bench)
-        return spec.compile(), None
-    except CableError:
-        raise
-    except ValueError as error:
-        reason = error_sentence(error)
-        raise CableError(f"scene {scene} does not load: {reason}") from None
+            _delete_strangers(spec, bench)
+        else:
+            realisation.add_instruments(spec, bench)
+            bench = None
+    return compile_spec(spec, scene), bench
 
 
 def _motion(

@@ -26,6 +26,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import mujoco
 
+from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable._cable import MAX_LENGTH, MAX_SEGMENTS, ROLLER, Cable, Section
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.plugin import _spec as specs
@@ -125,7 +126,7 @@ def add_friction(
             because its sites zig-zag, the time step bears only a soft tendon, or
             `qpos0` violates its `range`.
     """
-    specs.require_spec(spec)
+    require_kind("spec", spec, mujoco.MjSpec)
     specs.require_parameters(parameters, ("route", "bend", "path", "mouth", "guides"))
     several = not isinstance(tendon, str) and isinstance(tendon, Iterable)
     start, named = spec.copy(), dict[Any, str]()

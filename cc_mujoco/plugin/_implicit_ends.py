@@ -129,25 +129,20 @@ def is_implicit(model: MjModel, block: Block) -> bool:
     for end in range(2):
         if block.tied[end] != 0:
             continue
-        mobility = end_mobility(model, block.actuators[end])
+        actuator, mobility = block.actuators[end], 0.0
+        target = model.actuator_trnid[actuator, 0]
+        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+            dof = model.jnt_dofadr[target]
+            mobility = model.dof_invweight0[dof]
+            armature = model.dof_armature[dof]
+            if armature > 0.0:  # which MuJoCo leaves out for the slide of a body
+                mobility = min(mobility, 1.0 / armature)
+        else:
+            mobility = model.tendon_invweight0[target]
+        mobility *= attachments.pulley_radius(model, block.outputs[end]) ** 2
         if step * step * mobility * held_stiffness(block, end) > most:
             return True
     return False
-
-
-@internal
-def end_mobility(model: MjModel, actuator: int) -> float:
-    """Return the acceleration of an end alone by its tension, in `qpos0` [1/kg]."""
-    target = model.actuator_trnid[actuator, 0]
-    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-        dof = model.jnt_dofadr[target]
-        mobility = model.dof_invweight0[dof]
-        if model.dof_armature[dof] > 0.0:
-            # MuJoCo leaves it out for the slide of a body.
-            mobility = min(mobility, 1.0 / model.dof_armature[dof])
-    else:
-        mobility = model.tendon_invweight0[target]
-    return float(mobility * attachments.end_radius(model, actuator) ** 2)
 
 
 @internal

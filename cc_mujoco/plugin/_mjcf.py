@@ -99,7 +99,7 @@ def to_mjcf(
     used = [a for a in spec.actuators if found and a.plugin.name == name]
     ends = {"proximal": proximal, "distal": distal}
     targets = {
-        end: end_target(spec, name, *given)
+        end: _target(spec, name, *given)
         for end, given in ends.items()
         if given is not None
     }
@@ -245,7 +245,7 @@ def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
     return Cable.from_config(given, where)
 
 
-def end_target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
+def _target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
     if not (np.isfinite(gear) and gear != 0.0):
         raise CableError(
             f"cable {name!r}: gear {gear!r} is no pulley radius; it must be a signed "

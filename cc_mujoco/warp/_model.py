@@ -13,8 +13,6 @@ from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from cc_mujoco.plugin._implicit_ends import end_mobility
-from cc_mujoco.plugin._mjcf import end_target
 
 
 @dataclass(frozen=True)
@@ -53,12 +51,15 @@ def add_end(
     """
     if (joint is None) == (tendon is None):
         raise CableError(f"end {name!r} needs either a joint or a tendon")
+    if not (np.isfinite(radius) and radius != 0.0):
+        raise CableError(
+            f"end {name!r}: radius {radius!r} must be a signed length in metres, not 0"
+        )
     kind, target = ("joint", joint) if tendon is None else ("tendon", tendon)
-    held = getattr(spec, kind)(target)
-    if held is None:
-        names = [element.name for element in getattr(spec, f"{kind}s")]
+    names = [element.name for element in getattr(spec, f"{kind}s")]
+    if target not in names:
         raise CableError.unknown(kind, str(target), names)
-    transmission, _, radius = end_target(spec, name, held, radius)
+    transmission = getattr(mujoco.mjtTrn, f"mjTRN_{kind.upper()}")
     end = spec.add_actuator(name=name, target=target, trntype=transmission)
     end.gear = [radius, 0, 0, 0, 0, 0]
     end.dyntype = mujoco.mjtDyn.mjDYN_NONE
@@ -140,4 +141,13 @@ def end_rate(
     model: mujoco.MjModel, prm: FloatArray, n: int, actuator: int, end: int
 ) -> float:
     """Return the squared frequency of an end (0, 1) alone on a held cable [1/s^2]."""
-    return end_mobility(model, actuator) * kernel.end_stiffness(prm, n, end == 1)
+    target = model.actuator_trnid[actuator, 0]
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        dof = model.jnt_dofadr[target]
+        mobility = model.dof_invweight0[dof]
+        if model.dof_armature[dof] > 0.0:
+            mobility = min(mobility, 1.0 / model.dof_armature[dof])
+    else:
+        mobility = model.tendon_invweight0[target]
+    stiffness = kernel.end_stiffness(prm, n, end == 1)
+    return float(mobility * model.actuator_gear[actuator, 0] ** 2 * stiffness)

@@ -1,4 +1,4 @@
-"""Removal of readings that no motion explains: spikes, and sensors that freeze.
+"""Removal of readings that no motion explains: spikes, frozen and clipped sensors.
 
 Bits are lost on a bus, a sensor resets, a driver repeats its last message. A fit by
 least squares would follow a few such readings rather than the thousands beside them.
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._data_findings import Severity
 from cc_mujoco.datasets._quantization import resolution
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
@@ -26,13 +27,19 @@ class _Thresholds(NamedTuple):
     beside: int = 10  # readings on either side that are calm
     calm_quantile: float = 0.7  # of their changes
     readings: int = 50  # fewer tell nothing
+    clipped: int = 5  # equal readings at an extreme that are clipped
     counted: int = 100_000  # most readings from which sizes are estimated
 
 
 _LEAST = _Thresholds()
+_FROZEN = "its noise stops there; check the sensor and its driver"
 
 
-def drop_glitches(recording: Recording) -> Recording:
+def drop_glitches(recording: Recording, alone: bool = False) -> Recording:
+    """Return a recording without glitches, which it reports.
+
+    `alone` is of a single cable, whose torque is 0 while it is slack.
+    """
     changed = {}
     for channel, readings in recording.values.items():
         kind = channels.kind_of(channel)
@@ -40,11 +47,12 @@ def drop_glitches(recording: Recording) -> Recording:
         if kind not in (channels.ANGLE, *_LOADS):
             continue
         time = recording.clocks.get(channel, recording.values[channels.TIME])
-        lone, frozen = _lone(readings), []
-        if kind in _LOADS:
+        lone, held = _lone(readings), {}
+        if kind in _LOADS and np.isfinite(readings).sum() >= _LEAST.readings:
             lone = lone[~_impacts(recording, channel, lone)]
-            frozen = _frozen(readings)
-        if not lone.size and not frozen:
+            held = {_FROZEN: _frozen(readings)} | _clipped(channel, readings, alone)
+        held = {why: runs for why, runs in held.items() if runs}
+        if not lone.size and not held:
             continue
         kept = changed[channel] = readings.copy()
         if lone.size:
@@ -59,17 +67,17 @@ def drop_glitches(recording: Recording) -> Recording:
             )
             recording.report("warning", problem, channel)
             kept[lone] = np.nan
-        if frozen:
-            longest = max(frozen, key=lambda rows: rows.stop - rows.start)
+        for why, runs in held.items():
+            longest = max(runs, key=lambda rows: rows.stop - rows.start)
             start, count = longest.start, longest.stop - longest.start
-            more = f", and {len(frozen) - 1} times more" if len(frozen) > 1 else ""
+            more = f", and {len(runs) - 1} times more" if len(runs) > 1 else ""
             problem = (
                 f" repeats {readings[start]:.4g} in {count} rows from "
-                f"{time[start]:.6g} s (row {start + 1}) on{more}: its noise stops "
-                "there, so these are left out; check the sensor and its driver."
+                f"{time[start]:.6g} s (row {start + 1}) on{more}, left out: {why}."
             )
-            recording.report("warning", problem, channel)
-            for rows in frozen:
+            severity: Severity = "warning" if why == _FROZEN else "doubt"
+            recording.report(severity, problem, channel)
+            for rows in runs:
                 kept[rows] = np.nan
     if not changed:
         return recording
@@ -168,8 +176,6 @@ def _frozen(readings: FloatArray) -> list[slice]:
     Runs at the largest or smallest reading without a jump are clipping, which another
     check reports. Angles are not checked, as a joint may rest.
     """
-    if np.count_nonzero(np.isfinite(readings)) < _LEAST.readings:
-        return []
     same = np.diff(readings) == 0.0
     edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
     # Noise does not give eight equal readings.
@@ -194,4 +200,33 @@ def _frozen(readings: FloatArray) -> list[slice]:
         leaps_there = first > 0 and abs(readings[first] - readings[first - 1]) > least
         if leaps_there or readings[first] not in ends:
             found.append(slice(first + (not leaps_there), last + 1))
+    return found
+
+
+def _clipped(channel: str, readings: FloatArray, alone: bool) -> dict[str, list[slice]]:
+    """Return runs of a load at its largest and its smallest reading, by the advice."""
+    same = np.diff(readings) == 0.0
+    ends = {"above": np.nanmax(readings), "below": np.nanmin(readings)}
+    # Readings that are clipped on both sides repeat there for the same reason.
+    outermost = np.isin(readings, [*ends.values()])
+    elsewhere = ~(outermost[1:] & outermost[:-1])
+    usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
+    if usual > 0.1:
+        return {}  # coarse readings repeat everywhere
+    mend = "use a sensor of wider range"
+    if channel == channels.MOTOR_TORQUE:
+        mend = f"ask less of the motor if this is its limit, else {mend}"
+    # A slack cable, which cannot push, pulls with exactly nothing.
+    kind = channels.kind_of(channel)
+    slackens = kind == channels.FORCE or (alone and kind == channels.TORQUE)
+    found = {}
+    for side, extreme in ends.items():
+        if slackens and extreme == 0.0:
+            continue
+        there = np.diff(readings == extreme, prepend=False, append=False)
+        edges = np.flatnonzero(there).reshape(-1, 2)
+        runs = edges[edges[:, 1] - edges[:, 0] >= _LEAST.clipped]
+        if len(runs) > 1 or (len(runs) and np.ptp(runs) >= 4 * _LEAST.clipped):
+            why = f"it is cut off {side}; {mend}"
+            found[why] = [slice(*run) for run in runs.tolist()]
     return found

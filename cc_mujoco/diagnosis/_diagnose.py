@@ -20,7 +20,7 @@ from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
-from cc_mujoco.diagnosis._events import find_event, leave_out, sized
+from cc_mujoco.diagnosis._events import find_events, leave_out, sized
 from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
@@ -231,18 +231,23 @@ def _search_without_events(
     fitted = fit_scene(dataset, bench, settings, progress)
     while not isinstance(fitted, Diagnosis):
         more, found = len(events) < Limit.max_events, None
-        event = find_event(fitted.problem, fitted.whole.x, dataset) if more else None
-        if event is None:
+        happened = find_events(fitted.problem, fitted.whole.x, dataset) if more else []
+        if not happened:
             found = search_effects(fitted, progress)
             if more and found.problem.effects:
-                event = find_event(found.problem, found.x, dataset)
-        if event is not None:
+                happened = find_events(found.problem, found.x, dataset)
+        rests = []
+        for event in happened:
             rest = leave_out(dataset, event)
             again = fit_scene(rest, bench, settings, progress)
             if not isinstance(again, Diagnosis):
-                events.append(event)
-                dataset, fitted = rest, again
-                continue
+                rests.append((again.crossed.misfit, event, rest, again))
+        if rests:
+            # Of two sides the larger stays unless the smaller fits much better.
+            worse = Limit.max_remaining_ratio * rests[-1][0] < rests[0][0]
+            _, event, dataset, fitted = rests[-1 if worse else 0]
+            events.append(event)
+            continue
         # No event, or too little left without it
         return found or search_effects(fitted, progress), events
     return fitted, events

@@ -9,13 +9,14 @@ are fitted to blocks of half a second, and every interval of every trial, and ev
 division of the trials in two groups, is tested by Student's t on the scatter of the
 blocks beside their speed, angle and torque: what follows the motion is no event. A step
 counts if it takes most of the error of its part, more of the whole than any effect of
-the library, and if a fit to all else misses the part by far.
+the library, and if a fit to all else misses the part by far. Trials that no single
+step explains, but a fit of their own, are of another device.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -37,7 +38,7 @@ from cc_mujoco.diagnosis._rig.simulation import TORQUE_OFFSETS, change_name
 from cc_mujoco.diagnosis._search.candidates import exceeds_effects
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Event
-from cc_mujoco.estimation._least_squares import Estimate
+from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
@@ -46,10 +47,14 @@ CONSTANTS = (
     *TORQUE_OFFSETS,
 )
 """Parameters of the baseline that an event may change."""
+_JUDGED = ("device", *CONSTANTS[: -len(TORQUE_OFFSETS)])
+"""Kinds that occasions may explain; a torque's zero is bounded there, too."""
 REST = "the other trials"
 """Occasion of the trials that an event does not concern."""
 SIZE = "SIZE"
 """Word in place of a size that the final fit gives."""
+DRIFT = "drift"
+"""End of the signal of a torque's zero that moves steadily from a moment on."""
 PULL = "pull"
 """Signal of a change of all torques in proportion."""
 
@@ -61,7 +66,7 @@ class _Track(NamedTuple):
     time: FloatArray  # (samples,) [s]
     error: FloatArray  # (rows, samples) measured minus simulated, over the floor
     # Change of the torques by a unit of each signal, over the floor (rows, samples)
-    signals: Mapping[str, FloatArray]
+    signals: dict[str, FloatArray]
     block: NDArray[np.intp]  # (samples,) number of the block
     conditions: FloatArray  # (blocks, 5): 1, RMS speed, angle, mean and RMS torque
 
@@ -90,90 +95,60 @@ class _Step(NamedTuple):
     parts: Mapping[str, tuple[int, int]]  # first and last block by trial, last excluded
 
 
-def find_event(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
-    """Return the event that explains most of the error of a fitted model, or None.
+def find_events(problem: Problem, x: FloatArray, dataset: Dataset) -> list[Event]:
+    """Return the event that explains most of the error of a fitted model, or nothing.
 
-    An event that moves the fit far is found by one to the trials before or after it. If
-    each of two groups of trials fits by itself, and not the other, a device changed.
+    A gain that changes gives two events, as either side may be the wrong one. An event
+    that moves the fit far is found by one to the trials before or after it.
     """
     if found := _find(problem, x, dataset):
         return found
     records = problem.plant.records
-    every = [record.counts for record in records]
-    if _ratio(problem, x, every) <= Limit.layout_error:
-        return None
+    if _ratio(problem, x, [r.counts for r in records]) <= Limit.layout_error:
+        return []
     able = [r.trial for r in records if r.free.any() and not r.unhooked]
     names = list(dict.fromkeys(able))
     part = (len(names) - 1) // 2
-    fitted: list[tuple[Problem, FloatArray]] = []
     for kept in (names[:part], names[-part:]) if part else ():
-        half, there = [r.free & (r.trial in kept) for r in records], x
-        for _ in range(3):  # the errors of the whole would hardly count
-            problem = problem.with_updated_floor(there, half)
-            there = fitting.fit(problem, there, half).x
+        half = [r.free & (r.trial in kept) for r in records]
+        problem, there = _fitted_alone(problem, x, half)
         if found := _find(problem, there, dataset):
             return found
-        fitted.append((problem, there))
-    return _find_devices(fitted, names, dataset)
+    return []
 
 
-def _find(problem: Problem, x: FloatArray, dataset: Dataset) -> Event | None:
+def _fitted_alone(
+    problem: Problem, x: FloatArray, part: Masks
+) -> tuple[Problem, FloatArray]:
+    """Return a fit to a part; at the floor by the whole it would hardly count."""
+    for _ in range(3):
+        problem = problem.with_updated_floor(x, part)
+        x = fitting.fit(problem, x, part).x
+    return problem, x
+
+
+def _find(problem: Problem, x: FloatArray, dataset: Dataset) -> list[Event]:
     tracks = _tracks(problem, x)
     steps = [*_steps_within(problem, tracks), *_steps_between(problem, tracks)]
-    changes = [_Change.of(problem, x, tracks, each) for each in steps]
+    each = {(step.name, *step.parts.items()): step for step in steps}
+    changes = [_Change.of(problem, x, tracks, step) for step in each.values()]
     changes.sort(key=lambda change: -change.gain)
+    unlike: dict[tuple[str, ...], _Change] = {}
     for found in changes[: Limit.max_tried_events]:
-        if not found.takes_most():
+        single, part = found.takes_most(), tuple(found.inside)
+        if not single and (part in unlike or not found.is_whole):
             continue
         there = found.rest_fit()
-        if there is not None and found.exceeds_effects():
-            # Of all that may have changed there, that which leaves least by simulation
-            tracks = _tracks(problem, there)
-            found = found._replace(x=there, tracks=tracks)
-            signals = tracks[next(iter(found.inside))].signals
-            exact = [found.of_signal(name).refined() for name in signals]
-            exact.sort(key=lambda pair: pair[1])
-            (best, left), *others = exact
-            rivals = [
-                e.name for e, own in others if own * Limit.rival_event_share < left
-            ]
-            if best.takes_most() and best.is_plausible():
-                return best.event(dataset, rivals)
-    return None
-
-
-def _find_devices(
-    fitted: Sequence[tuple[Problem, FloatArray]], names: Sequence[str], dataset: Dataset
-) -> Event | None:
-    """Return the event of a second device, of fits to the first and the last trials."""
-    for (problem, there), (other, again) in (fitted, fitted[::-1]) if fitted else ():
-        tracks = _tracks(problem, there)
-        own = {n: _ratio(problem, there, _of(problem, n)) for n in names if n in tracks}
-        new = [name for name, off in own.items() if off > Limit.outlier_floor_ratio]
-        old = [name for name in own if name not in new]
-        if min(len(new), len(old)) < 2 or max(own[n] for n in old) > Limit.layout_error:
+        if there is None:
             continue
-        theirs = [_ratio(other, again, _of(other, name)) for name in new]
-        fits = max(theirs) <= Limit.layout_error
-        if fits and _is_comparable(problem, tracks, new, old):
-            occasion, path = _occasion(dataset, new), dataset.trial(new[0]).path
-            statement = (
-                f"Trials {list_words(new)} fit by themselves, and not with the others. "
-                f"{capitalise(_CAUSES[PULL])}?"
-            )
-            spans, ends = (
-                dict.fromkeys(new, (-math.inf, math.inf)),
-                (math.nan, math.nan),
-            )
-            known = spans, path, math.nan, ends, Estimate(math.nan, "1", ends)
-            lines = _declaration(dataset, new, occasion)
-            return Event("device", *known, statement, lines, occasion)
-    return None
-
-
-def _of(problem: Problem, trial: str) -> Masks:
-    """Return the samples of a trial that count, by record."""
-    return [r.counts & (r.trial == trial) for r in problem.plant.records]
+        if not found.exceeds_effects({found.name} if single else CONSTANTS):
+            continue
+        if not single:
+            unlike[part] = found.at(there)
+        elif events := found.at(there).events(dataset):
+            return events
+    devices = (found.device(dataset) for found in unlike.values())
+    return list(filter(None, devices))[:1]
 
 
 def _ratio(problem: Problem, x: FloatArray, masks: Masks) -> float:
@@ -312,13 +287,13 @@ def _sizes(
 
 def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
     """Yield by signal up to two significant divisions of the trials in two groups."""
-    noise = _noise(problem)
+    noise, every_name = _noise(problem), list(tracks)
     for signal in dict.fromkeys(n for track in tracks.values() for n in track.signals):
         sums = [np.sum(track.sums(signal), axis=1) for track in tracks.values()]
         square, product = np.array(sums).T
         sizes, weights = _sizes(square, product, Limit.min_trial_share)
         kept = np.flatnonzero(weights)
-        names = [list(tracks)[k] for k in kept]
+        names = [every_name[k] for k in kept]
         sizes, weights, count = sizes[kept], weights[kept], kept.size
         if count < Limit.min_outlier_trials:
             continue
@@ -337,6 +312,29 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
             if gains[k] > 0.0 and _is_comparable(problem, tracks, smaller, larger):
                 whole = {name: (0, len(tracks[name].conditions)) for name in smaller}
                 yield _Step(signal, whole)
+                # A step may lie within a trial beside a division by time.
+                late = steps[k] == steps[k][-1]
+                cut = int(np.argmax(late))
+                if late[cut:].all():  # the first trials and the last
+                    means = [
+                        np.average(sizes[m], weights=weights[m]) for m in (~late, late)
+                    ]
+                    first, last = (
+                        every_name.index(n) for n in names[cut - 1 : cut + 1]
+                    )
+                    for name in every_name[first : last + 1]:
+                        yield from _moment(tracks[name], name, signal, *means)
+
+
+def _moment(
+    track: _Track, trial: str, signal: str, old: float, new: float
+) -> Iterator[_Step]:
+    """Yield the step from one multiple to another within a trial, if well within."""
+    (square, product), count = track.sums(signal), len(track.conditions)
+    worse = (new**2 - old**2) * square - 2.0 * (new - old) * product
+    first = int(np.argmin(np.append(np.cumsum(worse[::-1])[::-1], 0.0)))
+    if Limit.min_event_blocks <= first <= count - Limit.min_event_blocks:
+        yield _Step(signal, {trial: (first, count)})
 
 
 def _is_comparable(
@@ -393,6 +391,16 @@ class _Change(NamedTuple):
         other = found._replace(inside=rest, outside=inside, levels=found.levels[::-1])
         return other if not reach and other.is_idle else found
 
+    def at(self, x: FloatArray) -> _Change:
+        """Return the change with its place in the error of another fit."""
+        tracks = _tracks(self.problem, x)
+        if not self.reach:
+            return self._replace(x=x, tracks=tracks)
+        trial, kept = next(iter(self.inside.items()))
+        own = tracks[trial].block[kept]
+        step = _Step(self.name, {trial: (int(own[0]), int(own[-1]) + 1)})
+        return _Change.of(self.problem, x, tracks, step)
+
     def of_signal(self, name: str) -> _Change:
         """Return a change of another signal in the same samples."""
         pairs = [_sums(self.tracks, name, k) for k in (self.inside, self.outside)]
@@ -401,10 +409,60 @@ class _Change(NamedTuple):
         gain = own * rest / max(own + rest, 1e-300) * (levels[0] - levels[1]) ** 2
         return self._replace(name=name, levels=levels, gain=gain)
 
+    def drifting(self, name: str) -> _Change:
+        """Return a drift of a signal to the end of its trial, after which it stays."""
+        (trial, _), *others = self.inside.items()
+        track, drift = self.tracks[trial], name + DRIFT
+        time, signal, block = track.time, track.signals[name], track.block
+        every = {n: np.ones(t.time.size, dtype=bool) for n, t in self.tracks.items()}
+        late, whole = (_sums(self.tracks, name, own) for own in (dict(others), every))
+        starts = np.linspace(time[0], time[-1] - Limit.event_block, 400)[1:, None]
+        ramps = np.clip((time - starts) / (time[-1] - starts), 0.0, None)
+        square, product = (signal**2).sum(axis=0), (signal * track.error).sum(axis=0)
+        # Beside a zero of all trials, to which a part of the drift was fitted
+        shared = (late[1] + ramps @ square) / whole[1]
+        own = late[0] + ramps @ product - shared * whole[0]
+        taken = own**2 / (late[1] + ramps**2 @ square - shared**2 * whole[1])
+        best = int(np.argmax(taken))
+        ramp, start = ramps[best], float(starts[best, 0])
+        left = product - (ramp @ product) / (ramp**2 @ square) * ramp * square
+        along: dict[str, FloatArray] = {trial: ramp}
+        off = np.bincount(block, left) ** 2 / np.bincount(block, square)
+        scatter = max(float(np.mean(off)), _noise(self.problem))
+        least = taken[best] - Limit.sigmas**2 * scatter
+        reach = float(np.max(np.abs(starts[taken >= least] - start)))
+        tracks = {
+            n: t._replace(signals={drift: t.signals[name] * along.get(n, 1.0)})
+            for n, t in self.tracks.items()
+        }
+        inside = {**self.inside, trial: time >= start}
+        outside = {**self.outside, trial: time < start}
+        found = self._replace(tracks=tracks, inside=inside, outside=outside)
+        return found._replace(reach=max(self.reach, reach)).of_signal(drift)
+
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
         """Part of every trial that it concerns [s], infinite up to the trial's ends."""
         return {n: _span(self.tracks[n].time, kept) for n, kept in self.inside.items()}
+
+    @property
+    def is_whole(self) -> bool:
+        """True of whole trials."""
+        return all(kept.all() for kept in self.inside.values())
+
+    @property
+    def sides(self) -> list[_Change]:
+        """The change, and the other side of it where a lasting gain may be wrong."""
+        if self.is_idle or not self.is_of_sensor or len(self.inside) < 2:
+            return [self]
+        kept = {n: own for n, own in self.outside.items() if own.any()}
+        rest = dict(sorted(kept.items(), key=lambda pair: bool(pair[1].all())))
+        levels = self.levels[::-1]
+        return [self, self._replace(inside=rest, outside=self.inside, levels=levels)]
+
+    @property
+    def is_of_sensor(self) -> bool:
+        return self.name in self.problem.plant.instruments.channels
 
     @property
     def masks(self) -> Masks:
@@ -466,37 +524,40 @@ class _Change(NamedTuple):
         return False
 
     @property
+    def constant(self) -> Tuned | None:
+        """Constant of the tuned scene that changes; None of a torque."""
+        name = self.name.removesuffix(DRIFT)
+        return next((p for p in self.problem.tuned if p.name == name), None)
+
+    @property
     def is_idle(self) -> bool:
         """True if torques of the part no longer follow the simulation at all."""
-        known = (
-            self.name == PULL or self.name in self.problem.plant.instruments.channels
-        )
+        known = self.name == PULL or self.is_of_sensor
         level, usual = self.levels
         return known and 1.0 + level < Limit.max_idle_share * (1.0 + usual)
 
     def is_plausible(self) -> bool:
         """Return whether it lasts, unless torques were idle, and is no small share."""
         spans, level = self.spans.values(), self.levels[0] - self.levels[1]
-        scale = 1.0 / (1.0 + self.levels[1])
-        for tuned in self.problem.tuned:
-            if tuned.name == self.name:
-                scale = tuned.scale if tuned.factor else math.inf
+        scale, known = 1.0 / (1.0 + self.levels[1]), self.constant
+        if known is not None:
+            scale = known.scale if known.factor else math.inf
         inner = any(math.isfinite(stop - start) for start, stop in spans)
         large = abs(level) * scale > Limit.min_event_change
         return self.is_idle or (large and not inner)
 
-    def exceeds_effects(self) -> bool:
-        """Return whether no effect of the library takes more of the error, at first."""
+    def exceeds_effects(self, names: Collection[str]) -> bool:
+        """Return whether no effect takes more than steps of signals, to first order."""
         problem, parts = self.problem, self.masks
         masks = [record.counts for record in problem.plant.records]
         seen = [k for k, mask in enumerate(masks) if mask.any()]
         torques = problem.torques(self.x, seen)
         slopes = problem.slopes.of(problem, self.x, seen, torques)
-        changes = [
-            (dict(_signals(problem, torque, slope))[self.name] * parts[k])[None]
-            for k, torque, slope in zip(seen, torques, slopes, strict=True)
-        ]
-        return exceeds_effects(problem, self.x, masks, changes)
+        changes = []
+        for k, torque, slope in zip(seen, torques, slopes, strict=True):
+            own = _signals(problem, torque, slope)
+            changes.append([change * parts[k] for n, change in own if n in names])
+        return exceeds_effects(problem, self.x, masks, [np.stack(c) for c in changes])
 
     def rest_fit(self) -> FloatArray | None:
         """Return a fit of all else; None if it fits the part, or little is left."""
@@ -510,7 +571,47 @@ class _Change(NamedTuple):
         least = max(Limit.outlier_floor_ratio, Limit.outlier_ratio * left)
         return there if off > least else None
 
-    def event(self, dataset: Dataset, rivals: Sequence[str]) -> Event:
+    def events(self, dataset: Dataset) -> list[Event]:
+        """Return the event, for a gain by both sides; [] if no signal takes most.
+
+        Of all that may have changed there it is that which leaves least by simulation.
+        """
+        trial = next(iter(self.inside))
+        signals = self.tracks[trial].signals
+        able = [self.of_signal(name) for name in signals]
+        if self.reach and self.inside[trial][-1]:
+            able += [self.drifting(n) for n in TORQUE_OFFSETS if n in signals]
+        exact = sorted((each.refined() for each in able), key=lambda pair: pair[1])
+        (best, left), *others = exact
+        near = [e.name for e, own in others if own * Limit.rival_event_share < left]
+        there = best.rest_fit() if best.name.endswith(DRIFT) else None
+        if there is not None:  # the rest had a part of the drift
+            moved = best._replace(x=there, tracks=_tracks(self.problem, there))
+            best = moved.drifting(best.name.removesuffix(DRIFT))
+        if not (best.takes_most() and best.is_plausible()):
+            return []
+        return [side.event(dataset, near) for side in best.sides]
+
+    def device(self, dataset: Dataset) -> Event | None:
+        """Return the event of trials that fit by themselves, not with the others."""
+        problem, part, there = self.problem, self.masks, self.x
+        records = problem.plant.records
+        if min(len(self.inside), len(self.tracks) - len(self.inside)) < 2:
+            return None
+        own = [r.free & mask for r, mask in zip(records, part, strict=True)]
+        problem, there = _fitted_alone(problem, there, own)
+        rest = [r.counts & ~mask for r, mask in zip(records, part, strict=True)]
+        left = _ratio(self.problem, self.x, rest), _ratio(problem, there, part)
+        if max(left) > Limit.layout_error:
+            return None
+        size = Estimate(math.nan, "1", (math.nan, math.nan))
+        change = "they fit by themselves, and not with the others"
+        return self.event(dataset, (), ("device", change, size))
+
+    def event(
+        self, dataset: Dataset, rivals: Sequence[str],
+        described: tuple[str, str, Estimate] | None = None,
+    ) -> Event:  # fmt: skip
         """Return the event in words, with what to declare; `rivals` look the same."""
         spans = self.spans
         (trial, (start, stop)), *others = spans.items()
@@ -525,12 +626,15 @@ class _Change(NamedTuple):
         if whole and others:
             where = f"Trials {list_words(spans)}"
         elif others:
-            where = f"{capitalise(edges[0])} of {trial} to the end of {others[-1][0]}"
-        kind, change, size = self._described()
+            end = f"to the end of {others[-1][0]}"
+            if math.isinf(start):
+                end = f"from the start of {others[0][0]} on"
+            where = f"{capitalise(edges[0])} of {trial} {end}"
+        kind, change, size = described or self._described()
         causes = [_CAUSES[kind], *(_CAUSES[n] for n in rivals if n in _CAUSES)]
         cause = capitalise(", or ".join(dict.fromkeys(causes)))
         gone = list(spans) if whole else [name for name, _ in others]
-        occasion = _occasion(dataset, gone) if kind in CONSTANTS else ""
+        occasion = _occasion(dataset, gone) if kind in _JUDGED else ""
         valid = {}
         if not whole:
             time = dataset.trial(trial).time
@@ -555,35 +659,40 @@ class _Change(NamedTuple):
         scatter = sum(side[0] for side in sides) / (rows * samples)
         scatter = max(scatter, 1.0) * _noise(self.problem)
         spread = Limit.sigmas * math.sqrt(sum(scatter / side[2] for side in sides))
-        known = {p.name: p for p in self.problem.tuned}.get(name)
+        known = self.constant
         unit = 1.0 + level if known is None else abs(level - usual)
         if known is not None and known.factor:
             unit = 1.0 / known.scale
         spread = math.hypot(spread, Limit.event_form_error * unit)
-        ends = level - usual - spread, level - usual + spread
+
+        def value(change: float) -> float:
+            if known is None:
+                return 1.0 + change / (1.0 + usual)
+            size = known.scale * change
+            return math.exp(size) if known.factor else size
+
+        low, size, high = (value(level - usual + k * spread) for k in (-1, 0, 1))
+        unit_name = "1" if known is None or known.factor else known.unit
+        estimate = Estimate(size, unit_name, (min(low, high), max(low, high)))
         if known is not None and not known.factor:
-            low, high = sorted(known.scale * end for end in ends)
-            size = Estimate(known.scale * (level - usual), known.unit, (low, high))
-            return name, f"{_SUBJECTS[name]} moves by {SIZE}", size
+            kind, verb = name, "moves by"
+            if name.endswith(DRIFT):
+                kind, verb = DRIFT, "drifts to its end by"
+            return kind, f"{_SUBJECTS[known.name]} {verb} {SIZE}", estimate
+        subject = "both torques" if name == PULL else f"the {channel_name(name)}"
         if known is not None:
-            low, high = (math.exp(known.scale * end) for end in ends)
-            size = Estimate(math.exp(known.scale * (level - usual)), "1", (low, high))
             subject = plain_name(name)
-        else:
-            base = 1.0 + usual
-            low, high = (1.0 + end / base for end in ends)
-            size = Estimate((1.0 + level) / base, "1", (low, high))
-            subject = "both torques" if name == PULL else f"the {channel_name(name)}"
         if self.is_idle:
             still = sides[0][0] < Limit.max_idle_share * sides[0][2]
             if name == PULL and still:
-                return "silent", "the cables transmit nothing", size
-            return "dead", f"{subject} no longer follows the motion", size
+                return "silent", "the cables transmit nothing", estimate
+            return "dead", f"{subject} no longer follows the motion", estimate
         verb = "are" if name == PULL else "is"
         change = f"{subject} {verb} {SIZE} times that of the rest"
-        return name if known or name == PULL else "gain", change, size
+        return name if known or name == PULL else "gain", change, estimate
 
 
+_ANOTHER = "was it another device, or another pretension"
 _CAUSES = {
     "joint_angle_offset": "was an encoder zeroed again, or did a clamp or pulley slip",
     "pretension": "was the cable tightened, or did a clamp give way",
@@ -591,7 +700,9 @@ _CAUSES = {
     "axial_stiffness": "was the cable exchanged",
     "motor_torque_offset": "was the motor's torque sensor zeroed or hit",
     "joint_torque_offset": "was the joint's torque sensor zeroed or hit",
-    PULL: "was it another device, or another pretension",
+    DRIFT: "does the sensor warm up, or is its amplifier failing",
+    PULL: _ANOTHER,
+    "device": _ANOTHER,
     "silent": "was the cable off, or slack for good",
     "dead": "is a sensor, its wire or its power broken",
     "gain": "was the sensor's gain changed, or the sensor exchanged",
@@ -705,15 +816,12 @@ def _lasting(
         return {trial: within}
     after = ~within if within[0] else within
 
-    def level(of: str, kept: NDArray[np.bool_]) -> tuple[float, float]:
-        product, square = _sums(tracks, name, {of: kept})
-        return product / max(square, 1e-300), square
-
-    old, new = level(trial, ~after)[0], level(trial, after)[0]
+    pairs = (_sums(tracks, name, {trial: side}) for side in (~after, after))
+    old, new = (product / max(square, 1e-300) for product, square in pairs)
     every = {n: np.ones(t.time.size, dtype=bool) for n, t in tracks.items()}
-    known = {n: level(n, kept) for n, kept in every.items()}
-    least = Limit.min_trial_share * max(square for _, square in known.values())
-    usual = {n: own for n, (own, square) in known.items() if square > least}
+    sums = {n: _sums(tracks, name, {n: kept}) for n, kept in every.items()}
+    least = Limit.min_trial_share * max(square for _, square in sums.values())
+    usual = {n: own / square for n, (own, square) in sums.items() if square > least}
     is_new = {n: abs(own - new) < abs(own - old) for n, own in usual.items()}
     names = list(tracks)
     place = names.index(trial)
@@ -740,14 +848,14 @@ def _locate(
     for kept in (rough, ~rough):
         product, square = _sums({"": track}, name, {"": kept})
         levels.append(product / max(square, 1e-300))
-    squares = [(track.error - level * signal) ** 2 for level in levels]
-    worse = np.concatenate([[0.0], np.cumsum((squares[0] - squares[1]).sum(axis=0))])
     ends, reach, time = [0, block.size], 0.0, track.time
     for side, edge in enumerate((first, last)):
         if 0 < edge < count:
             near = np.flatnonzero(np.abs(block + 0.5 - edge) < 2.0)
             near = near[near > 0]
-            cost = worse[near] if side else -worse[near]
+            before, after = levels[1 - side], levels[side]
+            rest = track.error[:, near] - before * signal[:, near]
+            cost = _step_costs(time[near], rest, (after - before) * signal[:, near])
             ends[side] = at = int(near[np.argmin(cost)])
             able = near[cost <= np.min(cost) + Limit.sigmas**2 * noise]
             low, high = time[able[0] - 1], time[able[-1]]
@@ -755,6 +863,21 @@ def _locate(
             reach = max(reach, float(high) - middle, middle - float(low))
     place = np.arange(block.size)
     return (place >= ends[0]) & (place < ends[1]), reach
+
+
+def _step_costs(time: FloatArray, error: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the squared errors (samples,) left by steps that begin at each sample.
+
+    Errors (rows, samples) of the model beside it are a parabola in time for each row.
+    """
+    smooth = np.linalg.qr(np.vander(time - time[0], 3))[0]
+    rest = error - (error @ smooth) @ smooth.T
+    shares = np.concatenate(
+        [step[..., None] * smooth, (step**2)[..., None], (step * rest)[..., None]], 2
+    )
+    after = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1]
+    own = after[..., -2] - 2.0 * after[..., -1] - (after[..., :-2] ** 2).sum(axis=2)
+    return np.asarray(own.sum(axis=0))
 
 
 def _middle(time: FloatArray, at: int) -> float:

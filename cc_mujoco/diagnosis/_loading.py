@@ -113,7 +113,7 @@ def load(
         ordered = sort_rows(recording)
         if ordered is None:
             continue
-        recording = drop_glitches(ordered)
+        recording = drop_glitches(ordered, alone)
         if bench is not None and is_log(path):
             _count_as_data(recording, bench, file)
         track = find_segments(recording, facts, file)
@@ -125,7 +125,7 @@ def load(
                 "it again if it lacks what it was to show."
             )
             findings.append(warning(message, name))
-        readings.check_recording(recording, facts, file, alone)
+        readings.check_recording(recording, facts, file)
         track = decimate(recording, track)
         if bench is not None:
             other_axes.take_off(recording, track)

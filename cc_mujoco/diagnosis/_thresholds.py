@@ -71,7 +71,6 @@ class Limit:
     inverse = 0.1
     copy_tolerance = 1e-9  # Share of a motion by which an angle is no copy of another
     min_copied_rows = 100  # Rows in a row that are a copy of others
-    min_clip_length = 5  # samples at an extreme that are one clipped stretch
     max_angle_step = 0.5  # turned at most from one sample to the next [rad]
     overload_ratio = 150.0  # tensions that no scene explains, over its pretension
     signs_settling_share = 0.1  # of the range after which friction has settled

@@ -243,7 +243,8 @@ class TrialError:
 class Event:
     """Change at a moment or between trials, left out of what is judged."""
 
-    kind: str  # constant that changed, or `silent`, `dead`, `gain`, `pull`, `device`
+    # Constant that changed, or `silent`, `dead`, `gain`, `drift`, `pull`, `device`
+    kind: str
     # Its part of every trial that it concerns (from, to) [s], infinite up to the ends
     spans: Mapping[str, tuple[float, float]]
     file: str  # of the first of those trials

@@ -37,6 +37,7 @@ NAMES = {
     "dead": ("dead",), "frozen": ("",), "gain": ("gain",),
     "gain_between": ("gain",), "friction": ("friction",),
     "pretension": ("pretension",), "one_trial": ("pretension",),
+    "drift": ("drift",), "saturated": ("",),
     "devices": ("device", "axial_stiffness", "friction", "pretension"),
 }  # fmt: skip
 """Right kinds of `Event` by what happened; "" where the reader itself reports it."""

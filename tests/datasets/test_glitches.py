@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -173,9 +174,15 @@ def test_a_torque_that_drops_out_to_an_extreme_is_left_out():
     assert "repeats 0 in 15 rows from 1.6 s (row 801) on" in finding.statement
 
 
-def test_clipped_readings_are_left_to_their_own_check():
+def test_clipped_readings_are_left_out_with_their_time():
     torque = np.minimum(swing(10), 7.0)
-    assert not without_glitches(recording(**{TORQUE: torque}))[1]
+    kept, (finding,) = without_glitches(recording(**{TORQUE: torque}))
+    flat = np.flatnonzero(torque == 7.0)
+    assert set(missing(kept)) <= set(flat.tolist())
+    assert len(missing(kept)) > 0.8 * flat.size  # few lone readings reach it
+    assert finding.severity == "doubt" and "it is cut off above" in finding.statement
+    (start,) = re.findall(r"from ([0-9.]+) s", finding.statement)
+    assert torque[np.argmin(np.abs(TIME - float(start)))] == 7.0
 
 
 @pytest.mark.parametrize("rows", [3, 49])

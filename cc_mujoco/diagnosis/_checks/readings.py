@@ -37,13 +37,10 @@ _ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
 _LOAD_KINDS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
 
 
-def check_recording(
-    recording: Recording, facts: TrialFacts, file: DatasetFile, alone: bool = False
-) -> None:
-    """Add the findings on a recording to it; `alone` if the rig has a single cable."""
+def check_recording(recording: Recording, facts: TrialFacts, file: DatasetFile) -> None:
+    """Add the findings on a recording to it."""
     _check_locked(recording, facts)
     _check_constants(recording, facts)
-    _check_clipping(recording, alone)
     angles = [channel for channel in channels.ANGLES if channel in recording.values]
     for channel in angles[::-1]:
         _check_degrees(recording, file, channel)
@@ -267,39 +264,6 @@ def _check_constants(recording: Recording, facts: TrialFacts) -> None:
             advice += f", or declare locked = {side!r} if it was held fast"
         problem = f" is {highest:.6g} in every row; {advice}."
         recording.report("error", problem, channel)
-
-
-def _check_clipping(recording: Recording, alone: bool) -> None:
-    for channel, values in recording.values.items():
-        kind = channels.kind_of(channel)
-        if kind not in _LOAD_KINDS:
-            continue
-        same = np.diff(values) == 0.0
-        highest, lowest = np.nanmax(values), np.nanmin(values)
-        # Readings that are clipped on both sides repeat there for the same reason.
-        outermost = (values == highest) | (values == lowest)
-        elsewhere = ~(outermost[1:] & outermost[:-1])
-        usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
-        if usual > 0.1:
-            continue  # coarse readings repeat everywhere
-        mend = "use a sensor of wider range"
-        if channel == channels.MOTOR_TORQUE:
-            mend = f"ask less of the motor if this is its limit, else {mend},"
-        # A slack cable, which cannot push, pulls with exactly nothing.
-        slackens = kind == channels.FORCE or (alone and kind == channels.TORQUE)
-        for extreme, side in ((highest, "above"), (lowest, "below")):
-            if slackens and extreme == 0.0:
-                continue
-            there = values == extreme
-            edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
-            lengths = edges[1::2] - edges[::2]
-            flat = lengths[lengths >= Limit.min_clip_length]
-            if len(flat) > 1 or (len(flat) and flat[0] >= 4 * Limit.min_clip_length):
-                problem = (
-                    f" stays at {extreme:.6g} in {flat.sum()} rows, as if cut off "
-                    f"{side}; {mend} or mark these rows invalid."
-                )
-                recording.report("error", problem, channel)
 
 
 def _check_degrees(recording: Recording, file: DatasetFile, channel: str) -> None:

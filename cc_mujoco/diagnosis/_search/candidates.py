@@ -231,16 +231,17 @@ def exceeds_effects(
 ) -> bool:
     """Return whether changes take more of the squared error than any other effect.
 
-    `changes` (1, 2, samples) [N m], of which the best multiple counts, are of the
+    `changes` (count, 2, samples) [N m], of which the best multiples count, are of the
     torques of every record with a mask. Effects count at their first start, and none
     takes more than `Limit.sure_event_share`.
     """
     place = _Screen(problem, x, masks, Changes(), ())
-    (made,) = fitting.residual_changes(place._steep, changes)
-    own = np.append(made, np.zeros(place._priors))
+    made = fitting.residual_changes(place._steep, changes)
+    own = np.pad(made, ((0, 0), (0, place._priors))).T
     own = own - place._tangent @ (place._tangent.T @ own)
-    whole = float(own @ own) * float(place._error @ place._error)
-    share = float(own @ place._rest) ** 2 / max(whole, 1e-300)
+    own /= np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+    taken = own @ np.linalg.lstsq(own, place._rest, 1e-9)[0]
+    share = float(taken @ taken) / float(place._error @ place._error)
     if share > Limit.sure_event_share:
         return True
     able = [n for n in problem.plant.library.effects if n not in problem.effects]

@@ -104,6 +104,25 @@ def _gained(
     return data
 
 
+def _drifted(
+    session: Session, data: list[Columns], at: Happening, size: float
+) -> list[Columns]:
+    for k, columns in enumerate(data):
+        time, late = columns["time_s"] - columns["time_s"][0], _later(columns, at, k)
+        along = (time - at.time) / (time[-1] - at.time) if k == at.trial else 1.0
+        columns["joint_torque_nm"] += size * late * along
+    return data
+
+
+def _saturated(
+    session: Session, data: list[Columns], at: Happening, size: float
+) -> list[Columns]:
+    torque = data[at.trial]["joint_torque_nm"]
+    most = size * np.max(np.abs(torque))
+    np.clip(torque, -most, most, out=torque)
+    return data
+
+
 def _zeroed(
     session: Session, data: list[Columns], at: Happening, size: float
 ) -> list[Columns]:
@@ -180,6 +199,8 @@ KINDS = {
     "devices": Kind(
         _changed(axial_stiffness=0.6, friction_a=1.5, friction_b=1.5), 1.0, False, True
     ),
+    "drift": Kind(_drifted, 0.3, True, True),
+    "saturated": Kind(_saturated, 0.8, False, False),
 }
 """Kinds of events by name."""
 

@@ -75,16 +75,22 @@ def test_an_angle_in_degrees_by_its_name_may_turn_often(tmp_path: Path) -> None:
 def test_clipped_torque(tmp_path: Path) -> None:
     columns = recording()
     columns["motor_torque_nm"] = np.clip(columns["motor_torque_nm"], -9.0, 0.2)
-    found = only_fix(loaded(tmp_path, columns)[1])
-    assert "stays at 0.2" in found.statement and "cut off above" in found.statement
+    dataset, findings = loaded(tmp_path, columns)
+    (found,) = [f for f in findings if f.severity == "doubt"]
+    assert "repeats 0.2 " in found.statement and "cut off above" in found.statement
     assert "ask less of the motor if this is its limit" in found.statement
+    torque = dataset.trials[0].motor_torque
+    used = np.concatenate([torque[rows] for rows in dataset.trials[0].segments])
+    assert np.mean(used == 0.2) < 1e-3
 
 
 def test_a_torque_that_is_cut_off_on_both_sides(tmp_path: Path) -> None:
     columns = recording()
     least, most = np.quantile(columns["joint_torque_nm"], (0.3, 0.7))
     columns["joint_torque_nm"] = np.clip(columns["joint_torque_nm"], least, most)
-    told = [f.statement for f in errors(loaded(tmp_path, columns)[1])]
+    findings = loaded(tmp_path, columns)[1]
+    told = [f.statement for f in findings]
+    assert "repair the sensor or leave the trial out" in only_fix(findings).statement
     assert any("cut off above" in each for each in told)
     assert any("cut off below" in each for each in told)
 

@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco.datasets import Dataset, Trial
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
-from cc_mujoco.diagnosis._events import find_event, leave_out
+from cc_mujoco.diagnosis._events import find_events, leave_out
 from cc_mujoco.diagnosis._verdict import Event
 from diagnosis.inference.test_per_trial import baseline_fit
 from diagnosis.recorded import BENCH, dataset
@@ -38,7 +38,8 @@ def session(
 
 def found_in(data: Dataset) -> tuple[BaselineFit, Event | None]:
     fitted = baseline_fit(data)
-    return fitted, find_event(fitted.problem, fitted.whole.x, data)
+    found = find_events(fitted.problem, fitted.whole.x, data)
+    return fitted, found[0] if found else None
 
 
 def changed(data: Dataset, change: Callable[[Trial, np.ndarray], Trial]) -> Dataset:
@@ -77,6 +78,10 @@ def gained(trial: Trial, off: np.ndarray) -> Trial:
     return replace(trial, joint_torque=joint)
 
 
+def drifted(trial: Trial, size: np.ndarray | float) -> Trial:
+    return replace(trial, joint_torque=trial.joint_torque + size)
+
+
 def zeroed(trial: Trial, size: np.ndarray | float) -> Trial:
     return replace(trial, motor_angle=trial.motor_angle + size)
 
@@ -105,6 +110,47 @@ def test_what_happens_in_a_trial_is_named_with_its_time(
     assert rest.trials[EVENT_TRIAL].duration == pytest.approx(WHEN, abs=0.1)
     again, other = found_in(rest)
     assert again.crossed.misfit < 1.3 and other is None
+
+
+def test_a_torque_that_drifts_is_found_where_it_begins_and_ends() -> None:
+    start, size = 1.4, 0.3
+    data = changed(
+        session(),
+        lambda trial, _: drifted(
+            trial,
+            size * np.clip((trial.time - start) / (trial.time[-1] - start), 0.0, None),
+        ),
+    )
+    late = tuple(drifted(trial, size) for trial in data.trials[EVENT_TRIAL + 1 :])
+    data = replace(data, trials=data.trials[: EVENT_TRIAL + 1] + late)
+    _, event = found_in(data)
+    assert event is not None and event.kind == "drift"
+    assert event.file == f"run_{EVENT_TRIAL}.csv"
+    assert list(event.spans) == [f"run_{k}" for k in range(EVENT_TRIAL, 6)]
+    assert event.time == pytest.approx(start, abs=0.2)
+    assert event.interval[0] <= start <= event.interval[1]
+    assert event.size.value == pytest.approx(size, abs=0.02)
+    again, other = found_in(leave_out(data, event))
+    assert other is None and again.crossed.misfit < 1.3
+
+
+def test_of_two_gains_that_of_the_scene_stays() -> None:
+    """The trials with the other gain are more."""
+    data = session()
+    first = data.trials[1]
+    late = first.time - first.time[0] > WHEN
+    trials = [gained(trial, trial.time > -math.inf) for trial in data.trials[2:]]
+    data = replace(data, trials=(data.trials[0], gained(first, late), *trials))
+    fitted = baseline_fit(data)
+    pair = find_events(fitted.problem, fitted.whole.x, data)
+    assert [event.kind for event in pair] == ["gain", "gain"]
+    assert sorted({*pair[0].spans} & {*pair[1].spans}) == ["run_1"]
+    settings = Options(("torque_sensor_gain", "viscous_friction"))
+    found = run_inference(data, BENCH, settings).diagnosis
+    assert found.verdict == "none", found.statement
+    (event,) = found.events
+    assert list(event.spans) == [f"run_{k}" for k in range(1, 6)]
+    assert event.size.value == pytest.approx(0.8, abs=0.02)
 
 
 def test_trials_of_another_cable_are_judged_as_an_occasion(tmp_path: Path) -> None:

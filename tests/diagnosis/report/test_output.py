@@ -39,6 +39,7 @@ RIPPLE = replace(
     id="own_ripple",
     title="a ripple of our own",
     parameters=EFFECTS["motor_cogging"].parameters[:1],
+    scene_note="",
 )
 
 

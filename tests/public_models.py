@@ -14,13 +14,20 @@ FOLDERS = {"gymnasium": "envs/mujoco/assets", "dm_control": "suite"}
 """Place of `humanoid.xml` by package; the bodies of both have the same names."""
 
 
-def humanoid(package: str) -> mujoco.MjSpec:
-    """Return the humanoid of a package; skips the test where it is not installed."""
+MODELS = FOLDERS | {"mjlab": "asset_zoo", "myosuite": "simhive/myo_sim"}
+"""Folder of models by package; those of mjlab are from mujoco_menagerie."""
+
+
+def folder(package: str) -> Path:
+    """Return the folder of models; skips the test where it is not installed."""
     found = importlib.util.find_spec(package)
     if found is None or found.origin is None:
         pytest.skip(f"{package} is not installed")
-    file = Path(found.origin).parent / FOLDERS[package] / "humanoid.xml"
-    return mujoco.MjSpec.from_file(str(file))
+    return Path(found.origin).parent / MODELS[package]
+
+
+def humanoid(package: str) -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_file(str(folder(package) / "humanoid.xml"))
 
 
 def with_knee_exoskeleton(package: str) -> mujoco.MjSpec:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,6 +16,7 @@ from cc_mujoco.device import Device
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._spec import read_spec
+from public_models import MODELS, folder
 
 ARM = """<?xml version="1.0"?>
 <robot name="arm">
@@ -60,7 +62,7 @@ def arm(folder: Path, shape: str) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_file(str(package / "urdf/arm.urdf"))
 
 
-def add(spec: mujoco.MjSpec, motor: str, joint: str, **more: str) -> str:
+def add(spec: mujoco.MjSpec, motor: Any, joint: Any, **more: str) -> str:
     report = cc_mujoco.add_cable(
         spec, "cord", motor=motor, joint=joint, drum=0.02, pulley=0.04,
         torque_limit=5.0, conduit="0.4:0.2", friction=0.1, axial_stiffness=2e4, **more,
@@ -231,3 +233,63 @@ def test_a_description_finds_its_archive(tmp_path: Path) -> None:
     (tmp_path / "leg.device.toml").write_text('meaning = "a leg"\n')
     for name in ("leg.device.toml", "leg.mjz"):
         assert Device(tmp_path / name).description.meaning == "a leg"
+
+
+def twice(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    whole = mujoco.MjSpec()
+    for side in ("left_", "right_"):
+        frame = whole.worldbody.add_frame(pos=[5.0 * len(side), 0, 0])
+        whole.attach(spec.copy(), prefix=side, frame=frame)
+    return whole.compile()
+
+
+def host(file: Path) -> mujoco.MjModel | None:
+    """Return the model of a file with a cable at a hinge; None if it cannot be one."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(file))
+        spec.copy().compile()
+        mujoco.MjSpec.from_string(spec.to_xml())
+    except ValueError:  # a part of another file, without its meshes, or not to be saved
+        return None
+    hinge = mujoco.mjtJoint.mjJNT_HINGE
+    hinges = [joint for joint in spec.joints if joint.type == hinge and joint.name]
+    if not hinges:
+        return None
+    try:
+        twice(spec)
+        can_be_attached = True
+    except ValueError:  # keyframes in the file without names
+        can_be_attached = False
+    joint = hinges[len(hinges) // 2]
+    add(spec, joint.parent if joint.parent.name else spec.worldbody, joint)
+    if can_be_attached:
+        assert [*from_mjcf(twice(spec))] == ["left_cord", "right_cord"], file
+    kept = spec.copy()
+    model = kept.compile()
+    kept.encode("kept.mjz")
+    again = read_spec("kept.mjz").compile()
+    sizes = [(m.nq, m.nu, m.nmesh, m.nplugin) for m in (model, again)]
+    assert sizes[0] == sizes[1], file
+    return again
+
+
+@pytest.mark.parametrize("package", [*MODELS])
+@pytest.mark.filterwarnings("ignore")
+def test_models_of_others_are_hosts_of_a_drive_in_one_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    count = 0
+    for file in sorted(folder(package).rglob("*.xml")):
+        if (model := host(file)) is None:
+            continue
+        model.opt.timestep = min(model.opt.timestep, 2e-3)
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data)
+        assert cc_mujoco.read(model, data, "cord").tension.min() > 0.1, file
+        for _ in range(20):
+            data.actuator("cord_motor").ctrl = 0.2
+            mujoco.mj_step(model, data)
+        assert np.isfinite(cc_mujoco.read(model, data, "cord").tension).all(), file
+        count += 1
+    assert count >= 2

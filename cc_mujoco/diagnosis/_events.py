@@ -323,17 +323,22 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
                         every_name.index(n) for n in names[cut - 1 : cut + 1]
                     )
                     for name in every_name[first : last + 1]:
-                        yield from _moment(tracks[name], name, signal, *means)
+                        yield from _moment(tracks[name], name, signal, noise, *means)
 
 
 def _moment(
-    track: _Track, trial: str, signal: str, old: float, new: float
+    track: _Track, trial: str, signal: str, noise: float, old: float, new: float
 ) -> Iterator[_Step]:
-    """Yield the step from one multiple to another within a trial, if well within."""
+    """Yield the step between two multiples well within a trial, if significant."""
     (square, product), count = track.sums(signal), len(track.conditions)
     worse = (new**2 - old**2) * square - 2.0 * (new - old) * product
     first = int(np.argmin(np.append(np.cumsum(worse[::-1])[::-1], 0.0)))
-    if Limit.min_event_blocks <= first <= count - Limit.min_event_blocks:
+    sizes, weights = _sizes(square, product, Limit.min_event_share)
+    step = (np.arange(count) >= first)[None].astype(np.float64)
+    ones = np.ones((count, 1))
+    _, (chance,) = _tested(sizes, weights[None], ones, step, noise)
+    inner = Limit.min_event_blocks <= first <= count - Limit.min_event_blocks
+    if inner and count * chance <= Limit.event_false_alarm_rate:
         yield _Step(signal, {trial: (first, count)})
 
 

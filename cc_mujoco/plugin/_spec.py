@@ -138,7 +138,7 @@ def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
     except (ValueError, RuntimeError) as error:
         reason = error_sentence(error)
     name, ending = os.path.splitext(os.path.basename(path))
-    if ending == ".mjz" and "archive" in reason:
+    if ending == ".mjz" and "archive" in reason and os.path.isfile(path):
         reason = (
             f"it must be a zip archive with the model in {name}.xml, "
             f"{name}/{name}.xml or model.xml"

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco import Plant, simulate
+from cc_mujoco.diagnosis import Options, diagnose, run_inference
 from cc_mujoco.diagnosis._loading import load
 from diagnosis.whole_device import Device, hidden_values, motions, played, record
 
+EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
 FEW = ("end_compliance", "viscous_friction", "load_independent_friction")
 """Effects that are looked for."""
 SLACK = {"pretension": 0.0, "axial_stiffness": 1.0}
@@ -88,3 +90,36 @@ def test_an_effect_that_one_axis_hides_is_named(
     assert named.parameters[hidden].value == pytest.approx(wanted, rel=0.1)
     for gap in found.gap.values():
         assert gap.rmse_after < gap.rmse_before
+
+
+@pytest.mark.study
+def test_friction_of_a_cable_to_a_differential_is_named(tmp_path: Path) -> None:
+    """Both axes are played; the hip's cable also turns the knee by a fixed tendon."""
+    scene = EXAMPLES / "differential.xml"
+    plant = Plant(scene, {"extensor.viscous_friction": 40.0})
+    trials = ("sine:0.3", "chirp:0.3,high=1.5", "multisine:0.3", "reach:0.3")
+    random = np.random.default_rng(0)
+    for number, motion in enumerate(trials):
+        log = simulate(
+            plant, "none", trajectory=motion, task="hip=hold:8,knee=hold:-3",
+            seed=number, duration=8.0,
+        )  # fmt: skip
+        columns = {"time_s": log["time_s"]}
+        for axis, cable in (("hip", "extensor"), ("knee", "flexor")):
+            for name in ("motor_angle_rad", "joint_angle_rad"):
+                columns[f"{axis}.{name}"] = log[f"{axis}.{name}"]
+            for end in ("proximal", "distal"):
+                name = f"tension_{cable}_{end}_n"
+                columns[name] = log[name] + random.normal(0.0, 0.2, len(log))
+            torque = 0.02 * log[f"tension_{cable}_proximal_n"]
+            columns[f"{axis}.motor_torque_nm"] = torque
+            columns[f"{axis}.joint_torque_nm"] = log[f"{axis}.joint_torque_nm"]
+        thinned = {name: column[::4] for name, column in columns.items()}
+        written(tmp_path / f"t{number}", thinned)
+    files = sorted(tmp_path.glob("t*/log.csv"))
+    found = diagnose(scene, files, tmp_path / "out", axis="hip")
+    assert found.verdict == "named", found.statement
+    (effect,) = found.effects
+    assert effect.id == "viscous_friction"
+    (estimate,) = effect.parameters.values()
+    assert estimate.value == pytest.approx(40.0, rel=0.1)

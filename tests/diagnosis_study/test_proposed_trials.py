@@ -65,14 +65,17 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
         "strength": 4.0, "seed": 1, "kind": "named", "effects": ["joint_gravity"],
         "steps": [tied, right], "proposed": ["a", ""], "odds": [0.8, 0.95],
         "seconds": 3.0, "closed": 0.9, "intervals": {}, "trials": "rich",
+        "event": {"found": True, "late": 0.0},
     }  # fmt: skip
     wrong = {**record, "seed": 2, "steps": [{**right, "named": ["b"]}]}
     wrong |= {"proposed": [""], "odds": [0.95]}
+    wrong |= {"event": {"found": False, "late": 0.0}}
     text = summary([record, wrong])
     assert "| bare | named | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 0 | 1 |" in text
     assert (
         "joint_gravity | 4.0 | 2 |" in text and "joint_gravity | 4.0 | 1 |" not in text
     )
+    assert "Events in rigs without one: 1 of 2 " in text
     assert "| 0.70 to 0.85 | 1 | 0.800 | 1.000 (3 to 100 %) |" in text
     assert "| 0.92 to 1.00 | 2 | 0.950 | 0.500 (1 to 99 %) |" in text
 

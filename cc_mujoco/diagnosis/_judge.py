@@ -695,8 +695,7 @@ STUDIED: Mapping[Verdict, tuple[float, float]] = {
 
 The share is that of the 247 rigs of the fourteenth sealed set, printed by
 `scripts/diagnosis_study/diagnose_benchmark.py`; on new rigs with the standard trials
-verdicts were right at least as often. Beyond the error no rate is known
-(`validation.md`).
+verdicts were right at least as often. Beyond the error no rate is known.
 """
 
 
@@ -716,8 +715,8 @@ def belief_in_verdict(
     """Return the probability that a verdict is right, and its alternatives.
 
     A named effect is right if it, or another cause of its class, acts; a tie if one of
-    its effects does. Each of `ties` has the effect in the model first; `left` is the
-    model's error over the noise.
+    its effects, or of their causes, does. The first of each of `ties` is in the model;
+    `left` is the model's error over the noise.
     """
     reliable, most = STUDIED[kind]
     if left > most:
@@ -749,8 +748,8 @@ def belief_in_verdict(
         shares = probabilities(_alternatives(found, step, leader, group))
         whole *= shares.pop("")
         others += [Alternative(name, reliable * each) for name, each in shares.items()]
-    acts = "one of its causes" if cause_classes(missing) else "this"
-    return _worded(kind, whole, others, left, acts)
+    classes = cause_classes([*{*missing}.union(*ties)])
+    return _worded(kind, whole, others, left, classes)
 
 
 def _alternatives(
@@ -764,9 +763,8 @@ def _alternatives(
     before = float(start.sum())
     found_z = {"nothing": screening.comparison_z(best, start, before)}
     for c in step.candidates:
-        if c.id in beside or c.id not in errors:
-            continue
-        if c.reason.startswith(IMPLAUSIBLE_PREFIX):
+        implausible = c.reason.startswith(IMPLAUSIBLE_PREFIX)
+        if implausible or c.id in beside or c.id not in errors:
             continue
         if group.intersection(EFFECTS[c.id].generalises):  # it contains the finding
             continue
@@ -781,7 +779,7 @@ def _worded(
     probability: float,
     others: Sequence[Alternative],
     left: float,
-    acts: str = "this",
+    classes: Sequence[CauseClass] = (),
 ) -> VerdictOdds:
     shown = [each for each in others if each.probability >= Limit.min_shown]
     shown = sorted(shown, key=lambda each: -each.probability)[:3]
@@ -794,9 +792,10 @@ def _worded(
         odds = [format_odds(each.probability) for each in shown]
         rest = [f"{name} (odds {o})" for name, o in zip(names, odds, strict=True)]
     complete = not left > Limit.max_explained_error
-    subject = "one of the tied effects acts"
+    cause = ", by any of its causes," if classes else ""
+    subject = f"one of the tied effects{cause} acts"
     if kind == "named":
-        subject = f"{acts}{' and nothing else' if complete else ''} is missing"
+        subject = f"this{cause}{' and nothing else' if complete else ''} is missing"
     statement = f"The odds are {format_odds(probability)} that {subject}"
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"

@@ -60,8 +60,9 @@ QUANTITIES: Mapping[str, Quantity] = {
     "joint acceleration": Quantity(
         "rad/s^2", lambda s, _: np.gradient(s.joint_speed, s.dt)
     ),
-    "tension": Quantity(  # mean of all ends
-        "N", lambda s, _: 0.5 * (s.tension_proximal + s.tension_distal).mean(0)
+    "tension": Quantity(  # mean of the cables at that side
+        "N",
+        lambda s, side: (s.tension_proximal, s.tension_distal)[side == "joint"].mean(0),
     ),
     "torque": Quantity("N m", lambda s, side: getattr(s, side)),
     "torque rate": Quantity(

@@ -317,20 +317,22 @@ def _peak(places: FloatArray, heights: FloatArray) -> float:
 
 def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
     """Return the curves that predict left-out groups best, [] if none does."""
-    sides: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
-    sides += [rows.sides] if len(sides) > 1 else []
-    pairs = itertools.product(rows.varying, FACTORS)
-    plain = [CurveTerm(over, times, rows.sides) for over, times in pairs]
+    alone: list[tuple[Side, ...]] = [(side,) for side in rows.sides]
+    sides = [*alone, rows.sides] if len(alone) > 1 else alone
+    names = itertools.product(rows.varying, FACTORS)
+    plain = [CurveTerm(over, times, rows.sides) for over, times in names]
     terms: list[CurveTerm] = []
     before = rows.left_out(terms, groups)
     quiet = Limit.max_misfit**2 * float(rows.noise[groups].sum())
     while len(terms) < Limit.max_curves and before.sum() > quiet:
         taken = {(term.over, term.times) for term in terms}
-        able = [
-            t for t in [*plain, *rows.periodic(groups, terms)] if t[:2] not in taken
-        ]
-        sums = [float(rows.left_out([*terms, term], groups).sum()) for term in able]
-        best = [able[k] for k in np.argsort(sums)[: Limit.refined_curves]]
+        every = *plain, *rows.periodic(groups, terms)
+        able = [term for term in every if term[:2] not in taken]
+        # Where one torque has no such curve, that of the other may predict well.
+        own = [[(*terms, t._replace(sides=side)) for side in alone] for t in able]
+        sums = [[float(rows.left_out(t, groups).sum()) for t in each] for each in own]
+        order = np.minimum(sums, before.sum()).sum(axis=1).argsort()
+        best = [able[k] for k in order[: Limit.refined_curves]]
         tried = [
             term._replace(sides=own, penalty=penalty, points=Limit.curve_points)
             for term in best

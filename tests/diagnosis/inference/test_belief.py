@@ -95,12 +95,18 @@ def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
 
 
 @pytest.mark.parametrize("left", [1.0, 3.0])
-def test_odds_of_an_effect_are_those_of_its_class(left: float) -> None:
+def test_odds_of_a_verdict_are_those_of_the_classes(left: float) -> None:
     nothing: Any = SimpleNamespace(rounds=())
     only = " and nothing else" if left < Limit.max_explained_error else ""
-    for name, acts in (("backlash", "this"), ("end_compliance", "one of its causes")):
+    for name, cause in (
+        ("backlash", ""),
+        ("end_compliance", ", by any of its causes,"),
+    ):
         found = belief_in_verdict(nothing, "named", [name], [], left)
-        assert f"that {acts}{only} is missing" in found.statement
+        assert f"that this{cause}{only} is missing" in found.statement
+        tie = ["viscous_friction", name]
+        found = belief_in_verdict(nothing, "tie", tie[:1], [tie], left)
+        assert f"one of the tied effects{cause} acts" in found.statement
 
 
 @pytest.mark.parametrize("kind", STUDIED)

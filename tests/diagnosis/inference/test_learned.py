@@ -119,6 +119,27 @@ def test_a_curve_has_the_factor_and_the_sides_that_were_planted() -> None:
     assert set(terms[0].sides) == {"motor", "joint"} and share > 0.6
 
 
+def test_a_torque_beyond_its_range_in_one_trial_hides_no_curve_of_the_other() -> None:
+    places = np.linspace(-2.0, 2.0, 15)
+    cube = curve(over="torque", at=tuple(places), joint_torque=tuple(0.02 * places**3))
+    whole = rows({"joint": cube}, 4)
+    first, *others = whole.stretches
+    far = replace(first.signals, motor=4.0 + first.signals.motor)
+    for own in others:
+        own.error[0] += 0.1 * np.maximum(own.signals.motor, 0.0) ** 2
+    found = replace(whole, stretches=[first._replace(signals=far), *others])
+    (term, *_) = choose(found, np.arange(8))
+    assert (term.over, term.sides) == ("torque", ("joint",))
+
+
+def test_a_tension_is_that_of_the_cables_at_the_side() -> None:
+    one = signals(5)
+    one = replace(one, tension_distal=0.9 * one.tension_proximal)
+    motor, joint = (QUANTITIES["tension"].values(one, s) for s in ("motor", "joint"))
+    np.testing.assert_allclose(motor, one.tension_proximal.mean(0))
+    np.testing.assert_allclose(joint, 0.9 * motor)
+
+
 def test_a_period_is_found() -> None:
     wave = curve(
         over="joint angle", period=2.0 * np.pi / 23.0, at=(0.0, 0.1, 0.2),

@@ -330,8 +330,8 @@ def choose(rows: ErrorRows, groups: Groups) -> list[CurveTerm]:
         able = [term for term in every if term[:2] not in taken]
         # Where one torque has no such curve, that of the other may predict well.
         own = [[(*terms, t._replace(sides=side)) for side in alone] for t in able]
-        sums = [[float(rows.left_out(t, groups).sum()) for t in each] for each in own]
-        order = np.minimum(sums, before.sum()).sum(axis=1).argsort()
+        errors = [[float(rows.left_out(t, groups).sum()) for t in e] for e in own]
+        order = np.minimum(errors, before.sum()).sum(axis=1).argsort()
         best = [able[k] for k in order[: Limit.refined_curves]]
         tried = [
             term._replace(sides=own, penalty=penalty, points=Limit.curve_points)

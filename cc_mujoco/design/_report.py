@@ -326,8 +326,9 @@ def answer_plot(study: RankedStudy, x: str) -> Figure:
     _scatter(axes, across, y, study.front)
     for place, row in enumerate(study.marked):
         axes.plot(
-            across[row], y[row], "s" if place else "*", markersize=7 if place else 12,
-            color=figures.BLUE, label=None if place else "best",
+            across[row], y[row], "s" if place else "*", markersize=9 if place else 14,
+            color=figures.BLUE, fillstyle="none",
+            label=("best", "best in an objective", None)[min(place, 2)],
         )  # fmt: skip
         axes.annotate(
             str(table["design"][row].as_py()), (across[row], y[row]),
@@ -415,7 +416,7 @@ def heat_maps(study: RankedStudy) -> Figure | None:
 
 
 def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
-    across, up = one.ranked[:2]
+    across, up = sorted(one.ranked[:2], key=study.varied.index)
     ticks: Mapping[str, Sequence[object]]
     if one.surface is None:
         values = _means(study.plan, column(study.table, one.metric), across, up)

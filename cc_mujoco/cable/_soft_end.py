@@ -17,11 +17,14 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.arguments import numbers
 from cc_mujoco.cable._cable import PARAMETERS
-from cc_mujoco.errors import CableError
+from cc_mujoco.cable._parameter import Parameter
+from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 CURVE_TOLERANCE = 0.05
 """Error of an extension, by the range of its curve, above which a fit is no good."""
+_TOLERANCE = Parameter("tolerance", low=0.0, high=1.0, low_open=True)
+"""Bounds of a tolerance of that error."""
 _BOUNDS = {p.name: p for p in PARAMETERS}
 
 
@@ -96,6 +99,7 @@ def fit_soft_end(
         CableError: other curves, a residual above `tolerance`, or parameters beyond the
             ranges of a `Cable`.
     """
+    _TOLERANCE.check(tolerance)
     stretch, pull = _rising("loading", extension, force, 1.0)
     soft = fit_curve(np.column_stack([stretch, pull]), stretch.size)
     if soft.residual > tolerance:
@@ -104,7 +108,14 @@ def fit_soft_end(
             f"C ln(1 + h T) / h; no spring of a cable is within {tolerance:g} of it"
         )
     if unloading is not None:
-        back, eased = _rising("unloading", *unloading, -1.0)
+        try:
+            back, eased = unloading
+        except (TypeError, ValueError):
+            raise CableError(
+                "unloading must be the pair of its extensions and its forces, not "
+                f"{shown(unloading)}"
+            ) from None
+        back, eased = _rising("unloading", back, eased, -1.0)
         if max(pull[0], eased[0]) > 1e-2 * pull[-1]:
             raise CableError(
                 "a loss is that of a loop from no force; the curves begin and end at "
@@ -123,7 +134,8 @@ def _rising(
     what: str, extension: ArrayLike, force: ArrayLike, way: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return checked extensions and forces in rising order; `way` -1 reverses them."""
-    up, pull = numbers("extension", extension), numbers("force", force)
+    up = numbers(f"extension of the {what} curve", extension)
+    pull = numbers(f"force of the {what} curve", force)
     if up.ndim != 1 or up.shape != pull.shape or up.size < 4:
         raise CableError(f"a {what} curve is two arrays of 4 or more numbers each")
     up, pull = up[:: int(way)], pull[:: int(way)]

@@ -28,7 +28,7 @@ from cc_mujoco.cable._cable import KEYS, PARAMETERS, SPRINGS, Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot
-from cc_mujoco.plugin._spec import add_element, plain_errors, read_spec
+from cc_mujoco.plugin._spec import add_element, cable_ends, plain_errors, read_spec
 
 End = tuple[Any, float]
 """An end of a cable: joint or tendon, or its name; signed pulley radius [m]."""
@@ -57,8 +57,8 @@ def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, 
         elif isinstance(source, str):
             source = mujoco.MjSpec.from_string(source)
     require_kind("source", source, mujoco.MjSpec)
-    for actuator in source.actuators:
-        if actuator.plugin.plugin_name == PLUGIN and not actuator.plugin.name:
+    for actuator in cable_ends(source):
+        if not actuator.plugin.name:
             raise CableError(
                 f"plugin `{PLUGIN}`: the configuration inside actuator "
                 f"{actuator.name!r} has no partner end; declare an `instance` that two "

@@ -11,6 +11,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._utils.arguments import numbers, require_kind
+from cc_mujoco._validation import require_list
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _reading as reading
@@ -18,8 +20,9 @@ from cc_mujoco.cable._cable import ENDS, PATHS, TERMS, Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._newmark import NEWMARK
+from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.cable._route import Route
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import FloatArray
 from cc_mujoco.warp import _kernels as of_cables
 from cc_mujoco.warp import _model as models
@@ -53,7 +56,12 @@ class AttachedCables:
     ) -> None:
         """Allocate the arrays of the cables and set the callback; see `attach`."""
         if not cables:
-            raise CableError("the scene has no cable to attach to mujoco_warp")
+            raise CableError(
+                "source has no cable to attach to mujoco_warp; give the specification "
+                "that you gave to `without_plugin`"
+            )
+        for name, held in cables.items():
+            require_kind(f"cable {name!r}", held, models.HeldCable)
         plain = {name: held.cable for name, held in cables.items()}
         models.require_supported(int(m.opt.integrator))
         models.require_routes(plain, routes)
@@ -232,7 +240,10 @@ class AttachedCables:
         """
         flags: Any = np.ones(self._worlds, bool) if worlds is None else worlds
         if not isinstance(flags, wp.array):
-            flags = np.asarray(flags)
+            try:
+                flags = np.asarray(flags)
+            except ValueError:  # rows of unequal length
+                flags = np.asarray(None)
         kind = wp.bool if isinstance(flags, wp.array) else np.dtype(bool)
         if flags.dtype != kind or flags.shape != (self._worlds,):
             raise CableError(
@@ -271,7 +282,7 @@ class AttachedCables:
         for key, given in parameters.items():
             if key not in INDEX:
                 raise CableError.unknown("parameter", key, list(INDEX))
-            wanted = np.asarray(given, float)
+            wanted = numbers(f"cable {name!r}: {key}", given)
             if wanted.shape not in ((), (1,), (self._worlds,)):
                 raise CableError(
                     f"cable {name!r}: {key} has the shape {wanted.shape}; it must be a "
@@ -280,8 +291,10 @@ class AttachedCables:
             if key in TERMS and np.any(wanted != 0.0):
                 self._require_compiled(name, key)
             values[index, :, INDEX[key]] = wanted
-        for row in np.unique(values[index], axis=0):
-            own = dict(zip(INDEX, row.astype(float).tolist(), strict=True))
+        # As decimals, so that an error shows 0.7 as 0.7, not in single precision.
+        rows = np.unique(values[index], axis=0).astype(str).astype(float)
+        for row in rows.tolist():
+            own = dict(zip(INDEX, row, strict=True))
             try:
                 wanted_cable = self._cables[index].replace(**own)
             except CableError as error:
@@ -299,11 +312,22 @@ class AttachedCables:
             cables: cables by world, with as many segments as the attached one.
 
         Raises:
-            CableError: an unknown cable, a term that is off in the kernel, another
-                kind of cable, or one so stiff that its ends would need implicit steps.
+            CableError: an unknown cable or world, a term that is off in the kernel,
+                another kind of cable, or one so stiff that its ends would need
+                implicit steps.
         """
         index = self._index(name)
         own = self._cables[index]
+        if not isinstance(cables, Mapping):
+            raise CableError(f"cables must be a cable by world, not {shown(cables)}")
+        known = Parameter("world", low=0, high=self._worlds - 1, whole=True)
+        for world, cable in cables.items():
+            if not known.admits(world):
+                raise CableError(
+                    f"cable {name!r}: world {shown(world)} is not one of 0 to "
+                    f"{self._worlds - 1}"
+                )
+            require_kind(f"cable {name!r}: world {world}", cable, Cable)
         given = np.zeros((len(cables), self._rows.prm.shape[1]), np.float32)
         for row, cable in zip(given, cables.values(), strict=True):
             kinds = ("segments", "bend", "path", "route", "mouth", "guides", "ends")
@@ -495,7 +519,7 @@ def _is_interleaved(device: Any) -> bool:
 
 
 def _terms_in_use(cables: tuple[Cable, ...], more: tuple[str, ...]) -> frozenset[str]:
-    for name in more:
+    for name in require_list("terms", more):
         if name not in TERMS:
             raise CableError.unknown("term", name, list(TERMS))
     on = {name for name in TERMS if any(getattr(cable, name) for cable in cables)}

@@ -12,7 +12,7 @@ from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._path_table import routes
-from cc_mujoco.plugin._spec import compile_spec
+from cc_mujoco.plugin._spec import cable_ends, compile_spec
 from cc_mujoco.warp._model import HeldCable, force_of_callback, require_supported
 
 
@@ -34,11 +34,10 @@ def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     from_mjcf(spec)
     require_supported(int(spec.option.integrator))
     plain = spec.copy()
-    for actuator in plain.actuators:
-        if actuator.plugin.plugin_name == PLUGIN:
-            own = actuator.plugin
-            own.active, own.name, own.plugin_name = False, "", ""
-            force_of_callback(actuator)
+    for actuator in cable_ends(plain):
+        own = actuator.plugin
+        own.active, own.name, own.plugin_name = False, "", ""
+        force_of_callback(actuator)
     for plugin in list(plain.plugins):
         if plugin.plugin_name == PLUGIN:
             plain.delete(plugin)

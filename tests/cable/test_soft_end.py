@@ -71,6 +71,24 @@ def test_other_curves_are_refused(given, message):
         fit_soft_end(*given)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"tolerance": np.nan}, r"tolerance must be a number in \(0, 1\], not nan"),
+        ({"tolerance": -0.1}, "tolerance must be"),
+        ({"tolerance": "x"}, "tolerance must be"),
+        ({"tolerance": True}, "tolerance must be"),
+        ({"unloading": 3}, "unloading must be the pair"),
+        ({"unloading": (PULL,)}, "unloading must be the pair"),
+        ({"unloading": (PULL, PULL, PULL)}, "unloading must be the pair"),
+        ({"unloading": ("a", PULL)}, "extension of the unloading curve must be numb"),
+    ],
+)
+def test_other_arguments_are_refused(given, message):
+    with pytest.raises(CableError, match=message):
+        fit_soft_end(3e-4 * PULL, PULL, **given)
+
+
 def test_a_loss_needs_a_loop_from_no_force():
     extension = stretched(3e-4, 0.02, PULL)
     with pytest.raises(CableError, match="begin and end at 50 N and 0 N"):

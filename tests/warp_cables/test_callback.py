@@ -12,6 +12,7 @@ import pytest
 import warp as wp
 
 import cc_mujoco
+from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
@@ -209,11 +210,54 @@ def test_rest_in_the_pose_of_the_world():
         ({"static_friction": 0.1}, "static_friction.*at least"),
         ({"viscous_friction": 2.0}, r"terms=\('viscous_friction',\)"),
         ({"frictoin": 0.1}, "friction"),
+        ({"clearance": "abc"}, "cable 'cable0': clearance must be numbers, not 'abc'"),
+        ({"clearance": None}, "cable 'cable0': clearance must be numbers, not None"),
+        ({"friction": 5.1}, "`friction` is 5.1; it must be"),
     ],
 )
 def test_parameters_that_cannot_be_are_refused(rig, wanted, what):
     with pytest.raises(CableError, match=what):
         rig.cables.vary("cable0", **wanted)
+
+
+@pytest.mark.parametrize("world", [WORLDS, -1, 1.7, True, "a", 99999999999])
+def test_a_world_that_is_none_of_the_data_is_refused(rig, world):
+    before = rig.cables.values.numpy()
+    with pytest.raises(CableError, match="is not one of 0 to 2"):
+        rig.cables.assign("cable0", {0: CABLE.replace(friction=0.1), world: CABLE})
+    np.testing.assert_array_equal(rig.cables.values.numpy(), before)
+
+
+def test_what_is_no_cable_or_flag_is_refused(rig):
+    with pytest.raises(CableError, match="world 0 must be a Cable, not 'x'"):
+        rig.cables.assign("cable0", {0: "x"})
+    with pytest.raises(CableError, match="a cable by world, not 'x'"):
+        rig.cables.assign("cable0", "x")
+    for worlds in ("x", [0, 1, 2], [[True], [True, False]]):
+        with pytest.raises(CableError, match="true or false for each of the 3"):
+            rig.cables.reset(worlds)
+
+
+def test_a_scene_without_its_plugin_has_no_cables():
+    own = scene(CABLE)
+    plain = without_plugin(own)
+    assert cc_mujoco.from_mjcf(plain) == {}
+    assert len(without_plugin(plain).actuators) == len(own.actuators)
+    model = plain.compile()
+    m, d = mjw.put_model(model), mjw.make_data(model, nworld=1)
+    with pytest.raises(CableError, match="that you gave to `without_plugin`"):
+        attach(m, d, plain)
+    with pytest.raises(CableError, match="terms must be a list of texts"):
+        attach(m, d, own, terms="clearance")
+    with pytest.raises(CableError, match="'cable0' must be a HeldCable"):
+        attach(m, d, model, cables={"cable0": CABLE})
+
+
+def test_a_written_scene_is_one_with_cables():
+    own = mujoco.MjSpec.from_file(str(scene_path("wrist")))
+    own.compile()
+    again = mujoco.MjSpec.from_string(own.to_xml())
+    assert without_plugin(again).compile().nplugin == 0
 
 
 def test_what_is_not_supported_is_refused_in_one_sentence():

@@ -15,7 +15,7 @@ import numpy as np
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._engine import PLUGIN
-from cc_mujoco.plugin._spec import add_element, pristine_fields
+from cc_mujoco.plugin._spec import add_element, cable_ends, pristine_fields
 
 _GAIN, _BIAS, _DYN = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
 _YIELDS = hasattr(mujoco.MjsTendon, "springyield")  # from MuJoCo 4.0
@@ -129,7 +129,7 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
 def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
     cables = {p.name: dict(p.config) for p in spec.plugins if p.plugin_name == PLUGIN}
     users = [name for name, config in cables.items() if config.get("route") == tendon]
-    ends = [a for a in spec.actuators if a.plugin.name in cables]
+    ends = [a for a in cable_ends(spec) if a.plugin.name in cables]
     users += [end.plugin.name for end in ends if _pulls(end, tendon)]
     if tendon in cables or spec.tendon(f"{tendon}_winch") is not None:
         raise CableError(f"tendon {tendon!r} is a cable already.")

@@ -35,6 +35,9 @@ def engines() -> dict[str, Engine]:
     for module in MODULES:
         try:
             found |= importlib.import_module(f"tendon_suite.{module}").ENGINES
+        except ModuleNotFoundError as error:
+            missing = f"{error.name} is not installed; its columns are left out"
+            print(missing, file=sys.stderr)
         except ImportError as error:
             print(f"{module}: {error}", file=sys.stderr)
     return found
@@ -102,6 +105,27 @@ def table(results: dict[str, Any]) -> str:
     return "\n".join([f"| {' | '.join(row)} |" for row in rows] + reasons)
 
 
+def read_results(out: Path) -> dict[str, Any]:
+    """Return the results of a file, none if it is new.
+
+    Raises:
+        OSError: the file cannot be read or written.
+        ValueError: it holds something else.
+    """
+    is_new = not out.exists()
+    with out.open("a+", encoding="utf-8") as file:
+        file.seek(0)
+        kept = {} if is_new else json.load(file)
+    if is_new:
+        out.unlink()
+    if not isinstance(kept, dict):
+        raise ValueError("a list or a number")
+    for task, row in kept.items():
+        if task not in TASKS or not isinstance(row, dict):
+            raise ValueError(f"no results of a task under {task!r}")
+    return kept
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--engine", action="append")
@@ -110,10 +134,23 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--speed", type=int, default=0)
     options = parser.parse_args()
-    out = options.out
-    kept = json.loads(out.read_text("utf-8")) if out and out.exists() else {}
+    out, found, kept = options.out, engines(), {}
+    for name in options.engine or ():
+        if name not in found:
+            names = ", ".join(found)
+            parser.error(f"--engine {name}: it is none of those found here: {names}")
+    if options.speed < 0:
+        parser.error(f"--speed {options.speed}: give a number of steps, 1 or more")
+    if options.speed and not (out and out.exists()):
+        parser.error("--speed needs --out with a file of results, whose tasks it times")
+    try:
+        kept = read_results(out) if out else {}
+    except OSError as error:
+        parser.error(f"--out {out}: {error.strerror}")
+    except ValueError as error:
+        parser.error(f"--out {out} has no results of this script: {error}")
     results = {task: kept.get(task, {}) for task in TASKS}
-    for name, engine in engines().items():
+    for name, engine in found.items():
         if options.engine and name not in options.engine:
             continue
         for task in options.task or TASKS:

@@ -45,6 +45,15 @@ NEEDED = {
     "proximal_loss": "proximal_compliance",
 }  # fmt: skip
 """Parameters that must be 0 (off) if the parameter that they map to is 0."""
+SCALES = {
+    "stribeck_speed": "stribeck_friction", "stribeck_exponent": "stribeck_friction",
+    "stribeck_tail": "stribeck_friction", "ageing_time": "ageing_friction",
+    "wrap_reach": "wrap_growth", "cooling_time": "friction_heating",
+    "bedding_tension": "bedding_strain", "seating_tension": "clearance",
+    "relaxation_time": "stress_relaxation", "grease_exponent": "grease_drag",
+    "eccentricity_phase": "eccentricity", "ovality_phase": "ovality",
+}  # fmt: skip
+"""Parameters that have no effect if the parameter that they map to is 0."""
 OFF_WITHOUT = "0 (off) where `{}` is 0"
 SPRINGS = {NEEDED[key]: key for key in ("end_hardening", "proximal_hardening")}
 """Parameters that MJCF may give as a curve, which gives the other parameter, too."""
@@ -237,8 +246,9 @@ class Cable:
             sections = tuple(Section(*map(float, each)) for each in self.conduit)
         except (TypeError, ValueError):
             allowed = (
-                "sections, each a length and a radius in metres; text as in MJCF is "
-                "for Cable.from_config"
+                "sections, each a length and a radius in metres, and perhaps factors "
+                "on `clearance` and `seating_tension`; text as in MJCF is for "
+                "Cable.from_config"
             )
             raise self._refusal("conduit", allowed) from None
         play, seats = _READ["clearance"].high, _READ["seating_tension"].high

@@ -25,7 +25,7 @@ from cc_mujoco.cable._cable import PARAMETERS, Cable, Section
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
 from cc_mujoco.cable._mesh import lay_segments, segment_wraps
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.errors import CableError, shown
+from cc_mujoco.errors import CableError, shown, with_known_names
 from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled, interrupted
 
 MAX_TRAVEL = 1e6
@@ -291,6 +291,7 @@ class Replay:
     direction: NDArray[np.int8] | None
 
 
+@with_known_names
 def replay(
     cable: Cable,
     dt: float,

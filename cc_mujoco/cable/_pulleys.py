@@ -25,7 +25,7 @@ from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import MAX_TRAVEL, TIME_STEP, require_no_overflow
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.errors import CableError, shown
+from cc_mujoco.errors import CableError, shown, with_known_names
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, interrupted
 
 ANGLE, TORQUE = 0, 1
@@ -130,6 +130,7 @@ class Transmission:
         """Motor angle per joint angle of the ideal transmission."""
         return self.gear_ratio * self.joint_radius / self.motor_radius
 
+    @with_known_names
     def replay(
         self,
         dt: float,

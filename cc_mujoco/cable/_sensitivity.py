@@ -195,8 +195,9 @@ def sensitivity(
     given = {name: each for name, each in motion.items() if each is not None}
     known |= {name: None for side in _names(cable) for name in side if name in given}
     found: dict[str, Any] = {}
-    for name in (of,) if isinstance(of, str) else of:
-        look_up("quantity of a motion", name, known)
+    single = isinstance(of, str) or not isinstance(of, Iterable)
+    for name in (str(of),) if single else of:
+        look_up("quantity `of`", name, known)
         switches = name in TERMS or name == "critical_slip_distance"
         if switches and any(getattr(each, name) == 0.0 for each in drive.cables):
             raise CableError(

@@ -25,6 +25,7 @@ from cc_mujoco._validation import (
     require_list,
     require_number,
 )
+from cc_mujoco.cable._cable import SCALES
 from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._designs import (
@@ -292,6 +293,13 @@ def _make_protocol(
         if is_table(text) or not isinstance(given, (str, Path)):
             tasks[axis.name] = find_task(given, home.limbs(axis))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
+    for name in variables_named:
+        needed = SCALES.get(name, name)
+        every = [getattr(cable, needed, 1.0) for cable in builder.cables.values()]
+        if name in SCALES and needed not in variables_named and not any(every):
+            raise CableError(
+                f"variable {name!r} has no effect: {needed} is 0; vary it, too."
+            )
     _require_played(home, variables_named, sources[0], texts)
     unheld = _unheld_reason(builder)
     for name in chosen:

@@ -320,6 +320,7 @@ def nstate(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     attributes = ffi.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
     messages.warn_poor_spring(model, instance)  # only compilers ask for this number
+    messages.warn_idle_keys(model, instance)
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
     return kernel.state_size(n) + blocks.COMMITMENT_SIZE // 8 + more
 
@@ -425,6 +426,9 @@ def compute(
             block.checked_timestep = model.opt.timestep
             _check(model, data, block)
         if begins:
+            # Work of friction, with room for the tolerance of the solvers [J].
+            if not blocks.kernel_state(state, n)[2] > -0.1:
+                messages.warn_once(model, instance, messages.NO_STATE)
             pose = blocks.committed(state, n).pose
             touched = messages.position_changed(lead, pose)
             block.position_changed = int(touched)

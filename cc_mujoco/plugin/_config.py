@@ -86,14 +86,16 @@ KEY = SimpleNamespace(**{key: i for i, key in enumerate(KEYS)})
 """Index of each key in `KEYS`, as an attribute; scalar parameters come first."""
 _OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
 _NEEDED = tuple((KEYS.index(key), KEYS.index(it)) for key, it in cable.NEEDED.items())
+SCALES = tuple((KEYS.index(key), KEYS.index(it)) for key, it in cable.SCALES.items())
 _SPRINGS = np.array([[KEYS.index(k) for k in pair] for pair in cable.SPRINGS.items()])
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Indices of drag parameters per length of conduit; drag of a seal is in newtons."""
+DEFAULTS = np.array([p.default for p in PARAMETERS])
 _SCALARS = SimpleNamespace(
     low=np.array([p.low for p in PARAMETERS]),
     high=np.array([p.high for p in PARAMETERS]),
     low_open=np.array([p.low_open for p in PARAMETERS]),
-    default=np.array([p.default for p in PARAMETERS]),
+    default=DEFAULTS,
     required=np.array([key in REQUIRED for key in KEYS]),
 )
 """Bounds and defaults of scalar parameters, in the order of `PARAMETERS`."""

@@ -33,6 +33,10 @@ NO_TIMESTEP = (
     "the `timestep` must be a positive finite number; with another one the cable does "
     "not pull"
 )
+NO_STATE = (
+    "its part of `plugin_state` is not that of a cable, as `dissipated` is below 0 J "
+    "or not finite; restore one that was saved, or reset the data"
+)
 _PATH = 2
 """Index of the path among a cable's parts; 0 and 1 are the proximal and distal end."""
 
@@ -189,13 +193,44 @@ def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
             continue
         tied = block.tied[0], block.tied[1]
         why = _no_effect_reason(arcs, places, mouth, tied, key)
-        if why.size == 0:
-            continue
-        room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-        message = begin_message(room.ctypes.data, model, instance)
-        for part in ("key `", KEYS[key], "` has no effect: ", why):
-            ffi.append(message, part)
-        issue_once(message, model)
+        if why.size > 0:
+            _warn_idle(model, instance, key, why, "")
+
+
+@internal
+def _warn_idle(
+    model: MjModel, instance: int, key: int, why: ffi.Bytes, rest: ffi.Bytes
+) -> None:
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+    message = begin_message(room.ctypes.data, model, instance)
+    for part in ("key `", KEYS[key], "` has no effect: ", why, rest):
+        ffi.append(message, part)
+    issue_once(message, model)
+
+
+@internal
+def warn_idle_keys(model: MjModel, instance: int) -> None:
+    """Warn, once, of each key that changes nothing, as another one is off."""
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, config.SECTION_SIZE))
+    attributes = ffi.attributes(model, instance)
+    wrong, count = config.read(attributes, values, sections)
+    if wrong != config.VALID_CONFIGURATION:
+        return
+    for key, needed in config.SCALES:
+        if values[needed] == 0.0 and values[key] != config.DEFAULTS[key]:
+            _warn_idle(model, instance, key, KEYS[needed], " is 0")
+    straight, has_factors = not config.bends_with_route(attributes), False
+    for s in range(count):
+        straight = straight and math.isinf(sections[s, 1])
+        has_factors = has_factors or sections[s, 2] != 1.0 or sections[s, 3] != 1.0
+    play = values[config.KEY.clearance]
+    if play != 0.0 and straight:
+        _warn_idle(model, instance, config.KEY.clearance, "no section bends", "")
+    elif play == 0.0 and has_factors:
+        warn_once(
+            model, instance, "factors in `conduit` have no effect: clearance is 0"
+        )
 
 
 @internal

@@ -116,6 +116,12 @@ def test_a_conduit_that_is_text_is_pointed_to_where_it_is_read() -> None:
         Cable(conduit=text)
 
 
+@pytest.mark.parametrize("section", [(1, 0.2, "x", 1), (1,), (1, 0.2, 1, 1, 1)])
+def test_other_sections_are_refused_with_what_their_numbers_are(section: Any) -> None:
+    with pytest.raises(CableError, match="perhaps factors on `clearance`"):
+        Cable(conduit=(section,))
+
+
 @pytest.mark.parametrize(
     "text",
     [

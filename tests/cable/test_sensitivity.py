@@ -286,3 +286,17 @@ def test_what_has_no_derivative_is_refused(owner: Any, name: str, said: str) -> 
     motion = DRIVES["angles"][1] if isinstance(owner, Transmission) else ENDS
     with pytest.raises(CableError, match=said):
         sensitivity(owner, DT, of=[name], **motion)
+
+
+def test_other_arguments_are_refused() -> None:
+    wrong: Any
+    for wrong in (None, 3, (3,)):
+        with pytest.raises(
+            CableError,
+            match=r"unknown quantity `of` ('None'|'?3'?)\. Available: ageing",
+        ):
+            sensitivity(CABLE, DT, of=wrong, **ENDS)
+    with pytest.raises(CableError, match="unknown argument 'x'"):
+        sensitivity(CABLE, DT, of="friction", **ENDS, x=3)
+    with pytest.raises(CableError, match="unknown argument 'x'"):
+        sensitivity(PAIR, DT, of="friction", **DRIVES["angles"][1], x=3)

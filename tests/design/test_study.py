@@ -656,6 +656,13 @@ def test_a_long_wait_is_estimated_before_it_begins() -> None:
     assert not [*wait_sentences(make_plan(StudySpec("wrist", vary)), 1)]
 
 
+def test_a_scale_of_what_is_off_is_no_variable() -> None:
+    vary: dict[str, Any] = {"seating_tension": [2.0, 6.0]}
+    with pytest.raises(CableError, match="no effect: clearance is 0; vary it, too"):
+        make_plan(StudySpec("wrist", vary))
+    assert make_plan(StudySpec("wrist", vary | {"clearance": 1e-4})).designs
+
+
 def test_clearance_and_soft_ends_are_variables() -> None:
     """Both widen the loop of the transmission; pretension takes clearance up."""
     given: dict[str, Any] = {

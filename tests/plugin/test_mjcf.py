@@ -76,6 +76,7 @@ def any_cable(draw: st.DrawFn) -> Cable:
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*no effect")
 @settings(max_examples=30)
 @given(any_cable())
 def test_any_cable_survives_specification_text_and_compilation(cable: Cable) -> None:
@@ -187,6 +188,7 @@ def test_friction_may_change_during_a_run() -> None:
         from_mjcf(compiled)
 
 
+@pytest.mark.filterwarnings("ignore:.*no effect")
 @settings(max_examples=25, deadline=None)
 @given(cable=any_cable(), other=st.sampled_from(SHORT))
 def test_a_configuration_that_is_no_longer_needs_no_room(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -119,6 +120,49 @@ def test_sites_in_one_place_are_warned_of_as_a_small_gap_is(gap: float) -> None:
     )
     (line,) = warned(spec.compile())
     assert "its open path is stable only with a `timestep` below 0." in line
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"seating_tension": 6.0}, ["`seating_tension` has no effect: clearance is 0"]),
+        ({"grease_exponent": 1.0}, ["`grease_exponent` has no effect: grease_drag is"]),
+        ({"conduit": (Section(1.0, 0.3, 2.0, 1.0),)}, ["factors in `conduit` have no"]),
+        ({"clearance": 1e-4, "conduit": (Section(1.0, np.inf),)}, ["no section bends"]),
+        ({"clearance": 1e-4, "seating_tension": 6.0}, []),
+        ({}, []),
+    ],
+)
+def test_a_key_without_the_one_that_it_scales_is_warned_of(
+    given: dict[str, object], said: list[str]
+) -> None:
+    spec = mujoco.MjSpec.from_string(POSTS.format(path=PATHS["sites"], name="rope"))
+    cable = Cable(conduit=(Section(1.0, 0.3),)).replace(**given)
+    to_mjcf(spec, next(_names), cable, *DRUMS.values())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        spec.compile()
+    assert len(caught) == len(said)
+    for one, text in zip(caught, said, strict=True):
+        assert text in str(one.message)
+
+
+@pytest.mark.parametrize("soft", [{}, {"clearance": 1e-4, "end_compliance": 1e-4}])
+@pytest.mark.parametrize("value", [-1e5, -50.0, np.nan])
+def test_a_state_that_no_cable_has_is_named(
+    soft: dict[str, float], value: float
+) -> None:
+    spec = mujoco.MjSpec.from_string(POSTS.format(path=PATHS["sites"], name="rope"))
+    cable = Cable(conduit=(Section(1.0, 0.3),)).replace(**soft)
+    to_mjcf(spec, next(_names), cable, *DRUMS.values())
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 3)
+    assert not any("`plugin_state` is not" in line for line in warned())
+    data.plugin_state[:] = value
+    mujoco.mj_step(model, data, 3)
+    (line,) = [line for line in warned() if "`plugin_state` is not" in line]
+    assert "reset the data" in line
 
 
 def test_models_that_are_not_finished_are_not_warned_of() -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 from cc_mujoco.assets import SCENES
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._data_findings import errors
+from cc_mujoco.datasets._data_findings import errors, statements
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
@@ -182,8 +182,8 @@ def infer(
             with single_threaded_blas():
                 result = run_inference(dataset, bench, settings, progress, drawer)
         found = result.diagnosis
-        doubts = [each.statement for each in findings if each.severity == "doubt"]
-        notes = tuple(each.statement for each in findings)
+        doubts = statements(each for each in findings if each.severity == "doubt")
+        notes = statements(findings)
         diagnosis = replace(
             found,
             question=" ".join([*doubts, found.question]).strip(),

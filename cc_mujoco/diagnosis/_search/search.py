@@ -471,7 +471,7 @@ def _drop_doubtful(
     """Return the final model, its parameters, spread and held-out predictions.
 
     Effects whose interval contains 0 go, the one whose removal costs least first. Where
-    disagreement or form errors make it wide, those that every trial needs stay. All go
+    disagreement or form errors make it wide, those that the trials need stay. All go
     if held-out data do not support them.
     """
     problem = found.after.problem
@@ -492,8 +492,9 @@ def _drop_doubtful(
             left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
             fitted = fitting.fit(slim, left, counts)
             # Trials may disagree about a size that a tuned parameter can replace, and
-            # all need it.
-            if wide is None or not _needed(problem, x, slim, fitted.x):
+            # still need it.
+            errors = trials.misfits(slim, fitted.x), trials.misfits(problem, x)
+            if wide is None or not is_needed(*errors):
                 slimmer.append((slim, fitted))
         if wide is not None and not slimmer:
             progress(0.86, "predicting trials that were held out")
@@ -508,13 +509,16 @@ def _drop_doubtful(
     return baseline, x, intervals.fit_covariance(baseline, x, counts), held
 
 
-def _needed(
-    problem: Problem, x: FloatArray, slim: Problem, without: FloatArray
-) -> bool:
-    """Return whether every trial errs more in the model `slim`, fitted at `without`."""
-    more, less = trials.misfits(slim, without), trials.misfits(problem, x)
+def is_needed(more: Mapping[str, float], less: Mapping[str, float]) -> bool:
+    """Return whether trials err more without an effect than with it.
+
+    `more` and `less` are errors over the floor by trial, without it and with it. Most
+    trials err more, and all that do not fit without it; one at rest shows no delay.
+    """
     share = 1.0 + Limit.form_error_share
-    return all(more[name] > share * size for name, size in less.items())
+    worse = {name for name, size in less.items() if more[name] > share * size}
+    unfit = {name for name, size in more.items() if size > Limit.max_misfit}
+    return unfit <= worse and 2 * len(worse) > len(less)
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:

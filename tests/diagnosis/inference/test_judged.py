@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis._judge import Stretch, cause_classes, verdict_of
 from cc_mujoco.diagnosis._phrases import class_statement
 from cc_mujoco.diagnosis._rig.simulation import BASELINE
 from cc_mujoco.diagnosis._search.candidates import Round
-from cc_mujoco.diagnosis._search.search import Found, only_refines
+from cc_mujoco.diagnosis._search.search import Found, is_needed, only_refines
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Deviating, FoundEffect, Gap
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -236,6 +236,23 @@ def test_a_second_effect_that_is_large_by_itself_is_a_finding(
     sizes = {"viscous_friction": 80.0, other: own}
     assert only_refines(other, shares, sizes, left) is refinement
     assert not only_refines("viscous_friction", shares, sizes, left)
+
+
+@pytest.mark.parametrize(
+    ("needed", "without", "given"),
+    [
+        (True, [8.0, 9.0, 7.0], [1.2, 1.3, 1.2]),
+        (True, [8.0, 9.0, 1.0], [1.2, 1.3, 1.0]),  # the last trial is at rest
+        (False, [8.0, 9.0, 4.0], [1.2, 1.3, 4.0]),  # it contradicts
+        (False, [8.0, 1.0, 1.0], [1.2, 1.0, 1.0]),  # one trial alone asks for it
+        (False, [1.2, 1.2, 1.2], [1.2, 1.2, 1.2]),
+    ],
+)
+def test_an_effect_stays_if_most_trials_and_all_that_do_not_fit_need_it(
+    needed: bool, without: list[float], given: list[float]
+) -> None:
+    more, less = (dict(zip("abc", each, strict=True)) for each in (without, given))
+    assert is_needed(more, less) == needed
 
 
 def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:

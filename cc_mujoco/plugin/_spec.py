@@ -47,17 +47,13 @@ def pristine_fields(kind: str) -> dict[str, Any]:
 
 def cable_ends(spec: mujoco.MjSpec) -> list[Any]:
     """Return the actuators of a specification whose force is the plugin's."""
+    # Actuators of a scene that `to_xml` has written name the instance alone.
+    names = {x.name for x in spec.plugins if x.name and x.plugin_name == PLUGIN}
     # MuJoCo crashes on `plugin` of an actuator whose instance has been deleted, as in
     # `without_plugin`; the force of such an end is that of a callback.
     callback = mujoco.mjtBias.mjBIAS_USER
-    own = [actuator for actuator in spec.actuators if actuator.biastype != callback]
-    # Actuators of a scene that `to_xml` has written name the instance alone.
-    names = {x.name for x in spec.plugins if x.name and x.plugin_name == PLUGIN}
-    return [
-        actuator
-        for actuator in own
-        if actuator.plugin.plugin_name == PLUGIN or actuator.plugin.name in names
-    ]
+    own = [(a, a.plugin) for a in spec.actuators if a.biastype != callback]
+    return [a for a, p in own if p.plugin_name == PLUGIN or p.name in names]
 
 
 def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import inspect
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +19,7 @@ from cc_mujoco.control import (
     ProportionalIntegral,
     StictionCompensation,
 )
-from cc_mujoco.control._controller import STEPS, step, stepped_law
+from cc_mujoco.control._controller import stepped_law
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design._designs import Given
 from cc_mujoco.device import Drive, Plant, load_device
@@ -227,16 +225,6 @@ def test_a_law_with_settings_of_its_own_is_the_same(
     vary: dict[str, Given] = {"friction": [0.05, 0.2]}
     for pair in both_ways(monkeypatch, "wrist", vary, "own", duration=0.4):
         assert_same(*pair)
-
-
-def test_every_step_has_the_place_at_which_it_is_found() -> None:
-    tree = ast.parse(inspect.getsource(step.py_func))
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
-    found.sort(key=lambda node: node.lineno)
-    names = [ast.unparse(node).split("(")[0].rpartition(".")[2] for node in found]
-    assert names == [one.__name__ for one in STEPS]
-    places = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
-    assert [n for n in places if isinstance(n, int)] == list(range(len(STEPS) - 1))
 
 
 def test_what_python_alone_knows_is_left_to_it() -> None:

@@ -60,6 +60,7 @@ from cc_mujoco.diagnosis import (
 from cc_mujoco.diagnosis._fit.problem import floor_ratios
 from cc_mujoco.diagnosis._learn.residual import described
 from cc_mujoco.diagnosis._report.output import write_proposed
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._references import read_plan
 from cc_mujoco.native import FloatArray
@@ -442,20 +443,22 @@ def cases(
 
 def summary(records: Sequence[Record]) -> str:
     """Return a study's results as Markdown; pages take the text above the fold."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
+    groups: dict[tuple[str, str], list[Record]] = {}
     for r in records:
         size = f"{r['strength']:g}" if r["strength"] else "-"
-        groups.setdefault((r["protocol"], r["kind"], size), []).append(r)
-    rates = []
-    for key, own in sorted(groups.items()):
-        rates.append(_rates(key, own))
-        if guessed := [_guessed(r) for r in own if "bic" in r]:
-            by_bic = key[0], f"{key[1]}, by the lowest BIC", key[2]
-            rates.append(_rates(by_bic, guessed))
-    head = (
-        "recorded first", "hidden", "R", "rigs", "right at once", "right and alone",
+        name = r["kind"] + (", motions alone" if r["protocol"] == "bare" else "")
+        groups.setdefault((name, size), []).append(r)
+    rates = [_rates(key, own) for key, own in sorted(groups.items())]
+    head = [
+        "hidden", "R", "rigs", "right at once", "right and alone",
         "in a tie", "one of two", "missed", "wrong",
-    )  # fmt: skip
+    ]  # fmt: skip
+    if any("bic" in r for r in records):
+        head += ["by BIC", "wrong"]
+        for row, own in zip(rates, map(groups.get, sorted(groups)), strict=True):
+            guessed = [_guessed(r) for r in own or () if "bic" in r]
+            wrong = [word_of(r, -1) for r in guessed].count("wrong")
+            row += [str(sum(map(is_alone, guessed))), str(wrong)]
     verdicts = []
     for verdict in ("named", "none", "tie", "unknown"):
         given = [is_right(r, 0) for r in records if _first(r) == verdict]
@@ -496,8 +499,12 @@ def _first(record: Record) -> str:
 
 
 def _guessed(record: Record) -> Record:
-    """Return the record of a case as the lowest BIC names it."""
-    named = [record["bic"]["named"]] if record["bic"]["named"] else []
+    """Return the record of a case as the lowest BIC names it.
+
+    It has the limit of `none`: without it, it would name something on any rig.
+    """
+    guessed = record["bic"]["named"] if record["misfit"] > Limit.max_misfit else None
+    named = [guessed] if guessed else []
     found = {"verdict": "named" if named else "none", "named": named, "ties": []}
     return {**record, "steps": [found], "event": {"found": False, "kinds": named}}
 
@@ -520,7 +527,7 @@ def _figures(records: Sequence[Record]) -> list[str]:
         coarse = sum(r["trials"].startswith("restful") for r in free)
         found.append(
             f"Effect-free rigs are {min(errors):.2f} to {max(errors):.2f} floors off; "
-            f"{coarse} of {len(free)} have coarse encoders and long rests."
+            f"{coarse} of {len(free)} have coarse encoders."
         )
     calm = [r for r in records if r["kind"] != "event"]
     if calm:
@@ -529,9 +536,9 @@ def _figures(records: Sequence[Record]) -> list[str]:
             f"Events in rigs without one: {sum(alarms)} of {len(calm)} "
             f"({exact(alarms)} %)."
         )
-    late = [abs(r["event"]["late"]) for r in records if r["event"]["found"]]
-    if len(calm) < len(records):
-        found.append(f"Times of events are off by {max(late, default=0.0):.3f} s.")
+    late = [abs(r["event"]["late"]) for r in records if r["kind"] == "event"]
+    if late := [each for each in late if math.isfinite(each)]:
+        found.append(f"Times of events that are placed are off by {max(late):.3f} s.")
     right = [r for r in records if r["kind"] == "named" and word_of(r, 0) == "right"]
     shares = [
         f"{np.nanmedian([r['closed'] for r in own]):.2f} at R = {size:g} ({len(own)})"
@@ -549,15 +556,13 @@ def _figures(records: Sequence[Record]) -> list[str]:
         f"{longest['seconds']:.0f} s ({longest['hidden']}, R = "
         f"{longest['strength']:g})."
     )
-    for make in dict.fromkeys(r["make"] for r in records):
-        given = [r["intervals"] for r in records if r["make"] == make]
-        covers = []
-        for name in dict.fromkeys(name for each in given for name in each):
-            of = [each[name] for each in given if name in each]
-            held = [low <= true <= high for _, low, high, true in of]
-            covers.append(f"{name} {sum(held)} of {len(held)} ({exact(held)} %)")
-        if covers:
-            found.append(f"Intervals of 95 % that cover ({make}): {', '.join(covers)}.")
+    given, covers = [r["intervals"] for r in records], []
+    for name in dict.fromkeys(name for each in given for name in each):
+        of = [each[name] for each in given if name in each]
+        held = [low <= true <= high for _, low, high, true in of]
+        covers.append(f"{name} {sum(held)} of {len(held)} ({exact(held)} %)")
+    if covers:
+        found.append(f"Intervals of 95 % that cover: {', '.join(covers)}.")
     return found
 
 

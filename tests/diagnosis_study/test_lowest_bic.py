@@ -65,11 +65,13 @@ def test_parameters_have_their_price() -> None:
     assert abs(guess.share) < 0.02
 
 
-def case(seed: int, kind: str, hidden: str, guessed: str | None) -> dict[str, Any]:
+def case(
+    seed: int, kind: str, hidden: str, guessed: str | None, misfit: float = 3.0
+) -> dict[str, Any]:
     """Return a case whose effect the diagnosis does not name."""
     return {
         "make": "guides", "protocol": "bare", "strength": 4.0, "seed": seed,
-        "kind": kind, "hidden": hidden or "none", "trials": "rich", "misfit": 1.1,
+        "kind": kind, "hidden": hidden or "none", "trials": "rich", "misfit": misfit,
         "effects": [hidden] if hidden else [], "closed": 0.5, "seconds": 3.0,
         "steps": [{"named": [], "verdict": "none", "ties": []}], "proposed": [""],
         "odds": [0.9], "intervals": {}, "bic": {"named": guessed},
@@ -89,11 +91,15 @@ def test_the_table_counts_what_both_said_of_the_same_cases() -> None:
         ("unknown", "unknown_reflex", "viscous_friction"),
     ]
     text = summary([case(seed, *guess) for seed, guess in enumerate(guesses)])
-    right, third = "1 (1 to 91 %)", "0 (0 to 71 %)"
-    assert f"| bare | named | 4 | 3 | 0 | {third} | 0 | 0 | 3 | 0 |" in text
-    by = f"| bare | named, by the lowest BIC | 4 | 3 | 1 | {right} | 0 | 0 | 1 | 1 |"
-    assert by in text
-    none = "| bare | none, by the lowest BIC | 4 | 2 | 1 | 1 (1 to 99 %) |"
-    assert f"{none} 0 | 0 | 0 | 1 |" in text
-    unknown = "| bare | unknown, by the lowest BIC | 4 | 1 | 0 | 0 (0 to 98 %) |"
-    assert f"{unknown} 0 | 0 | 0 | 1 |" in text
+    row = "| named, motions alone | 4 | 3 | 0 | 0 (0 to 71 %) | 0 | 0 | 3 | 0 | 1 | 1 |"
+    assert row in text
+    assert "| none, motions alone | 4 | 2 | 2 | 2 (16 to 100 %) |" in text
+    found = {row.split(" | ")[0]: row.split(" | ")[-2:] for row in text.splitlines()}
+    assert found["| none, motions alone"] == ["1", "1 |"]
+    assert found["| unknown, motions alone"] == ["0", "1 |"]
+
+
+def test_the_lowest_bic_names_nothing_near_the_floor() -> None:
+    text = summary([case(1, "none", "", "backlash", 1.2)])
+    row = "| none, motions alone | 4 | 1 | 1 | 1 (3 to 100 %) | 0 | 0 | 0 | 0 | 1 | 0 |"
+    assert row in text

@@ -71,7 +71,9 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
     wrong |= {"proposed": [""], "odds": [0.95]}
     wrong |= {"event": {"found": False, "late": 0.0}}
     text = summary([record, wrong])
-    assert "| bare | named | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 0 | 1 |" in text
+    assert (
+        "| named, motions alone | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 0 | 1 |" in text
+    )
     assert (
         "joint_gravity | 4.0 | 2 |" in text and "joint_gravity | 4.0 | 1 |" not in text
     )

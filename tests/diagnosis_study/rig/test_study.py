@@ -160,9 +160,11 @@ def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> N
         for seed, record in enumerate(judgements)
     ]
     above, below = summary(records).split("<details>")
-    rates = {tuple(row[:3]): row[3:] for row in rows(above) if len(row) == 10}
-    rates.pop(("recorded first", "hidden", "R"))
-    for (_, kind, size), row in rates.items():
+    rates = {tuple(row[:2]): row[2:] for row in rows(above) if len(row) == 9}
+    rates.pop(("hidden", "R"))
+    for (named, size), row in rates.items():
+        kind, _, motions = named.partition(", ")
+        assert motions == "motions alone"
         own = [
             r for r in records
             if r["kind"] == kind and size in ("-", f"{r['strength']:g}")

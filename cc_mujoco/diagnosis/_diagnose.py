@@ -37,7 +37,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report import output
-from cc_mujoco.diagnosis._report.drawer import Drawer
+from cc_mujoco.diagnosis._report.drawer import NO_DRAWER, Drawer
 from cc_mujoco.diagnosis._report.output import DiagnosisResult
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
 from cc_mujoco.diagnosis._search.search import Found, search_effects
@@ -129,7 +129,7 @@ def infer(
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
     proposing: bool = True,
-    drawer: Drawer = Drawer(),  # noqa: B008
+    drawer: Drawer = NO_DRAWER,
 ) -> tuple[DiagnosisResult, Dataset]:
     """Diagnose as `diagnose` does, with the bench of the scene, and write no files.
 
@@ -198,7 +198,7 @@ def run_inference(
     bench: Bench,
     settings: Options = Options(),  # noqa: B008
     progress: Progress = no_progress,
-    drawer: Drawer = Drawer(),  # noqa: B008
+    drawer: Drawer = NO_DRAWER,
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)

@@ -101,6 +101,7 @@ CELLS = {
 """Channels of the rig by those of load cells in the scene `bench`."""
 ODDS_BANDS = (0.0, 0.7, 0.85, 0.92, 1.01)
 """Limits of the bands of stated probability in which verdicts are counted."""
+_FAILED = "verdicts", "named", "ties", "events", "proposed", "end"
 COLUMNS = ("tie", "half", "missed", "wrong")
 """Words for diagnoses that are not right, see `judged`."""
 
@@ -471,7 +472,8 @@ def summary(records: Sequence[Record]) -> str:
             parts = ("verdict", "named", "ties")
             said = ["; ".join(str(each[part]) for each in r["steps"]) for part in parts]
             which = [str(r[key]) for key in KEYS]
-            failed.append([*which, *said, "; ".join(r["proposed"]), end_of(r)])
+            events = "; ".join(r["event"]["kinds"])
+            failed.append([*which, *said, events, "; ".join(r["proposed"]), end_of(r)])
     return "\n\n".join(
         [
             table(head, rates),
@@ -479,7 +481,7 @@ def summary(records: Sequence[Record]) -> str:
             table(("odds", "verdicts", "mean", "right"), calibration(records)),
             "<details><summary>By verdict, and what was not right and alone</summary>",
             table(("verdict", "given", "right"), verdicts),
-            table((*KEYS, "verdicts", "named", "ties", "proposed", "end"), failed),
+            table((*KEYS, *_FAILED), failed),
             *_learned(records),
             "</details>\n",
         ]

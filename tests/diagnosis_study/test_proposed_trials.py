@@ -65,11 +65,11 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
         "strength": 4.0, "seed": 1, "kind": "named", "effects": ["joint_gravity"],
         "steps": [tied, right], "proposed": ["a", ""], "odds": [0.8, 0.95],
         "seconds": 3.0, "closed": 0.9, "intervals": {}, "trials": "rich",
-        "event": {"found": True, "late": 0.0},
+        "event": {"found": True, "kinds": [], "late": 0.0},
     }  # fmt: skip
     wrong = {**record, "seed": 2, "steps": [{**right, "named": ["b"]}]}
     wrong |= {"proposed": [""], "odds": [0.95]}
-    wrong |= {"event": {"found": False, "late": 0.0}}
+    wrong |= {"event": {"found": False, "kinds": ["gain"], "late": 0.0}}
     text = summary([record, wrong])
     assert (
         "| named, motions alone | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 0 | 1 |" in text

@@ -85,6 +85,9 @@ class Drawer:
             shutil.rmtree(self._folder, ignore_errors=True)
 
 
+NO_DRAWER = Drawer()  # never started
+
+
 def serve(folder: str) -> None:
     """Draw what is requested in a folder, if it is before standard input ends."""
     gc.disable()

@@ -37,7 +37,7 @@ from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._learn.residual import classes_of, file_text
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import drawings, sections
-from cc_mujoco.diagnosis._report.drawer import RECORDING_FILE, Drawer
+from cc_mujoco.diagnosis._report.drawer import NO_DRAWER, RECORDING_FILE, Drawer
 from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
 from cc_mujoco.diagnosis._scene import realisation
@@ -171,7 +171,7 @@ def write_report(
     folder: str | os.PathLike[str],
     diagnosis: Diagnosis,
     evidence: Evidence,
-    drawer: Drawer = Drawer(),  # noqa: B008
+    drawer: Drawer = NO_DRAWER,
 ) -> None:
     """Write `report.html` and its figures, all or none, and delete older figures.
 
@@ -295,7 +295,7 @@ def write(
     command: str,
     seed: int,
     effects: Sequence[str] = (),
-    drawer: Drawer = Drawer(),  # noqa: B008
+    drawer: Drawer = NO_DRAWER,
 ) -> Diagnosis:
     """Write all results to a folder and return the diagnosis with its provenance.
 

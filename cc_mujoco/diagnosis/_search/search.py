@@ -493,8 +493,9 @@ def _drop_doubtful(
             fitted = fitting.fit(slim, left, counts)
             # Trials may disagree about a size that a tuned parameter can replace, and
             # still need it.
-            errors = trials.misfits(slim, fitted.x), trials.misfits(problem, x)
-            if wide is None or not is_needed(*errors):
+            if wide is None or not is_needed(
+                trials.misfits(slim, fitted.x), trials.misfits(problem, x)
+            ):
                 slimmer.append((slim, fitted))
         if wide is not None and not slimmer:
             progress(0.86, "predicting trials that were held out")

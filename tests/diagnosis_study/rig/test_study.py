@@ -183,7 +183,7 @@ def test_rates_count_the_cases_below_them(judgements: list[dict[str, Any]]) -> N
     assert {row[0]: int(row[1]) for row in given_rows} == {
         verdict: first.count(verdict) for verdict in set(first)
     }
-    failed = [row for row in rows(below) if len(row) == 10 and row[0] != "make"]
+    failed = [row for row in rows(below) if len(row) == 11 and row[0] != "make"]
     assert len(failed) == sum(not is_alone(r) for r in records)
     unknown = [r for r in records if r["kind"] == "unknown"]
     unexplained = [r for r in unknown if r["steps"][0]["verdict"] == "unknown"]

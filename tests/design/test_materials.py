@@ -28,6 +28,43 @@ SHORT: dict[str, Any] = {
 }
 
 
+NEWTON, INCH = 4.4482216, 0.0254  # of a pound, in metres
+
+
+def per_area(pounds: float, inches: float) -> float:
+    return pounds * NEWTON / area(INCH * inches)
+
+
+def turned(share: float) -> float:
+    """Return the friction of which half a turn leaves a share of the tension."""
+    return -math.log(share) / math.pi
+
+
+AEROSPACE = 100.0 * NEWTON / (0.0000162 * area(INCH))  # 1 % of stretch a pound
+FIGURES = {
+    ("steel_ptfe", "modulus"): (111.824e9 * 365.279 / 804.248, AEROSPACE, AEROSPACE),
+    ("steel_ptfe", "density"): (2.867 / area(0.032), *[0.124 / area(0.006)] * 2),
+    ("steel_ptfe", "strength"): (
+        per_area(4800.0, 0.25), 21.2e3 / area(0.006), per_area(480.0, 0.0625),
+    ),
+    ("dyneema_steel", "modulus"): (
+        AEROSPACE, AEROSPACE, 1000.0 * NEWTON / 0.00078 / area(0.009),
+    ),
+    ("dyneema_steel", "density"): (0.15 * 0.124 / area(0.006),) * 3,
+    ("dyneema_steel", "strength"): (
+        per_area(8000.0, 0.25), per_area(5400.0, 0.1875), per_area(12e3, 0.25),
+    ),
+    ("dyneema_steel", "friction"): (turned(0.60), turned(0.60), turned(0.48)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("pair", "name"), FIGURES)
+def test_a_figure_follows_from_its_sources(pair: str, name: str) -> None:
+    found = getattr(MATERIALS[pair], name)
+    shown = found.low, found.typical, found.high
+    assert shown == pytest.approx(FIGURES[pair, name], rel=1e-12)
+
+
 @pytest.mark.parametrize("name", MATERIALS)
 def test_every_figure_is_a_range_about_its_typical_value_and_has_a_source(
     name: str,

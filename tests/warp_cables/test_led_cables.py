@@ -119,7 +119,7 @@ def moved(spec: mujoco.MjSpec):
         ("exosuit", 0.25, 1.4e-4, 5e-4), ("bilateral", 0.25, 3e-5, 8e-5),
         ("endoscope", 10.0, 6e-6, 2e-5), ("finger", 10.0, 1.2e-4, 4e-4),
         ("hand", 10.0, 3e-4, 1e-3), ("exosuit", 10.0, 3e-4, 5e-4),
-        ("bilateral", 4.0, 3e-4, 3e-4),
+        ("bilateral", 10.0, 3e-4, 3e-4),
     ],
 )  # fmt: skip
 def test_a_device_moves_as_with_the_plugin(name, seconds, angle, tension):

@@ -179,7 +179,7 @@ def test_every_command_says_how_a_model_gets_a_cable(
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         (
             "no.mjz",
@@ -193,7 +193,7 @@ def test_every_command_says_how_a_model_gets_a_cable(
     ],
 )
 def test_a_damaged_file_is_refused_with_its_place(
-    tmp_path: Path, name: str, content: bytes | dict[str, str], told: str
+    tmp_path: Path, name: str, content: bytes | dict[str, str], message: str
 ) -> None:
     path = tmp_path / name
     if isinstance(content, bytes):
@@ -202,7 +202,7 @@ def test_a_damaged_file_is_refused_with_its_place(
         archive(path, content)
     with pytest.raises(CableError) as found:
         Device(path)
-    assert str(path) in str(found.value) and told in str(found.value)
+    assert str(path) in str(found.value) and message in str(found.value)
     assert "\n" not in str(found.value)
 
 
@@ -216,7 +216,7 @@ def test_an_archive_writes_nothing_and_reads_what_it_holds(tmp_path: Path) -> No
     path.write_bytes(lied)
     with pytest.raises(CableError, match="does not load"):
         read_spec(path)
-    # Zeros of 64 MB, said to be a mesh.
+    # Zeros of 64 MB in place of a mesh.
     mesh = '<asset><mesh name="m" file="m.stl"/></asset><worldbody>'
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as into:
         into.writestr("m.xml", BARE.replace("<worldbody>", mesh, 1))

@@ -158,16 +158,16 @@ def test_an_attached_copy_moves_as_the_original() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"arm": -1.0}, "times `coef` of a fixed tendon, must be the signed pulley"),
         ({"knee": 'actuatorfrcrange="-5 5"'}, "pulls a joint that has an `actuator"),
     ],
 )
 def test_an_arm_of_a_metre_or_a_clamped_joint_is_refused(
-    change: dict, told: str
+    change: dict, message: str
 ) -> None:
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         leg("sum", "difference", **change).compile()
 
 

@@ -96,8 +96,8 @@ def test_friction_on_a_path_without_a_bend_is_warned_of() -> None:
 def test_soft_rope_on_a_drum_is_warned_of(
     pretension: float, ends: dict[str, tuple[str, float]]
 ) -> None:
-    said = warned(over("geom", pretension=pretension, ends="explicit", **ends))
-    soft = [line for line in said if "its pretension stretches it by" in line]
+    issued = warned(over("geom", pretension=pretension, ends="explicit", **ends))
+    soft = [line for line in issued if "its pretension stretches it by" in line]
     assert len(soft) == (bool(ends) and pretension > 40.0)
     assert all(f"by {pretension / 20.0:.3f} %, and rope" in line for line in soft)
 
@@ -123,7 +123,7 @@ def test_sites_in_one_place_are_warned_of_as_a_small_gap_is(gap: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "expected"),
     [
         ({"seating_tension": 6.0}, ["`seating_tension` has no effect: clearance is 0"]),
         ({"grease_exponent": 1.0}, ["`grease_exponent` has no effect: grease_drag is"]),
@@ -134,7 +134,7 @@ def test_sites_in_one_place_are_warned_of_as_a_small_gap_is(gap: float) -> None:
     ],
 )
 def test_a_key_without_the_one_that_it_scales_is_warned_of(
-    given: dict[str, object], said: list[str]
+    given: dict[str, object], expected: list[str]
 ) -> None:
     spec = mujoco.MjSpec.from_string(POSTS.format(path=PATHS["sites"], name="rope"))
     cable = Cable(conduit=(Section(1.0, 0.3),)).replace(**given)
@@ -142,8 +142,8 @@ def test_a_key_without_the_one_that_it_scales_is_warned_of(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         spec.compile()
-    assert len(caught) == len(said)
-    for one, text in zip(caught, said, strict=True):
+    assert len(caught) == len(expected)
+    for one, text in zip(caught, expected, strict=True):
         assert text in str(one.message)
 
 
@@ -427,10 +427,10 @@ def test_a_conduit_that_is_too_short_for_its_ends_is_warned_of(
         )  # fmt: skip
         distal = (spec.tendon(name), 1.0) if "path" in keys else ("knee", 0.05)
         to_mjcf(spec, name, cable, ("motor", 0.02), distal)
-        said = [x for x in warned(spec.compile()) if f"'{name}'" in x]
+        issued = [x for x in warned(spec.compile()) if f"'{name}'" in x]
         if length < 1.0:
-            (line,) = (x for x in said if "key `conduit`" in x)
+            (line,) = (x for x in issued if "key `conduit`" in x)
             assert "is 300.000 mm long" in line
             assert f"its ends are {apart}.000 mm apart" in line
         else:
-            assert not any("key `conduit`" in x for x in said)
+            assert not any("key `conduit`" in x for x in issued)

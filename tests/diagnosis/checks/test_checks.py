@@ -1,4 +1,4 @@
-"""Good data need no repair; readings that cannot be are told in a sentence."""
+"""Good data need no repair; readings that cannot be are reported in a sentence."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def test_a_locked_joint_is_right_if_declared(tmp_path: Path) -> None:
 
 def test_a_joint_that_moves_was_not_held_fast(tmp_path: Path) -> None:
     toml = "[trials.run]\nlocked = 'joint'"
-    told = only_fix(loaded(tmp_path, recording(), toml)[1]).statement
-    assert "held fast" in told
+    shown = only_fix(loaded(tmp_path, recording(), toml)[1]).statement
+    assert "held fast" in shown
 
 
 def test_an_angle_in_degrees_by_its_name_may_turn_often(tmp_path: Path) -> None:
@@ -89,10 +89,10 @@ def test_a_torque_that_is_cut_off_on_both_sides(tmp_path: Path) -> None:
     least, most = np.quantile(columns["joint_torque_nm"], (0.3, 0.7))
     columns["joint_torque_nm"] = np.clip(columns["joint_torque_nm"], least, most)
     findings = loaded(tmp_path, columns)[1]
-    told = [f.statement for f in findings]
+    shown = [f.statement for f in findings]
     assert "repair the sensor or leave the trial out" in only_fix(findings).statement
-    assert any("cut off above" in each for each in told)
-    assert any("cut off below" in each for each in told)
+    assert any("cut off above" in each for each in shown)
+    assert any("cut off below" in each for each in shown)
 
 
 @pytest.mark.parametrize("least", [0.0, 0.05])
@@ -103,8 +103,8 @@ def test_a_slack_cable_is_no_sensor_that_is_cut_off(
     columns = recording()
     columns["tension_distal_n"] = np.maximum(20.0 * columns["joint_torque_nm"], least)
     _, findings = load(write(tmp_path / "run.csv", columns))
-    told = [f for f in findings if "cut off below" in f.statement]
-    assert [f.channel for f in told] == (["tension_distal_n"] if least else [])
+    shown = [f for f in findings if "cut off below" in f.statement]
+    assert [f.channel for f in shown] == (["tension_distal_n"] if least else [])
 
 
 def test_a_torque_is_nothing_while_the_only_cable_is_slack(tmp_path: Path) -> None:
@@ -113,8 +113,8 @@ def test_a_torque_is_nothing_while_the_only_cable_is_slack(tmp_path: Path) -> No
     columns["joint_torque_nm"] = np.maximum(columns["joint_torque_nm"], 0.0)
     path = write(tmp_path / "run.csv", columns)
     for bench, times in ((BENCH, 1), (Bench.of(alone(tmp_path)), 0)):
-        told = [f.statement for f in load(path, None, bench)[1]]
-        assert sum("cut off below" in each for each in told) == times
+        shown = [f.statement for f in load(path, None, bench)[1]]
+        assert sum("cut off below" in each for each in shown) == times
 
 
 @pytest.mark.parametrize("side", ["motor", "joint"])

@@ -26,7 +26,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import tempfile
-import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -140,11 +139,10 @@ class Case(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One diagnosis, its time [s], and the trial that it proposes ("" for none)."""
+    """One diagnosis, and the trial that it proposes ("" for none)."""
 
     result: DiagnosisResult
     proposed: str
-    seconds: float
 
     @property
     def diagnosis(self) -> Diagnosis:
@@ -171,15 +169,13 @@ def loop(
     while True:
         place = folder / f"data_{len(steps)}"
         write_data(place, data, facts, "%.7g" if ids else "")
-        begin = time.perf_counter()
         if search:
             dataset, _ = load([place], None, bench)
             result = with_proposal(run_inference(dataset, bench, Options(search)))
         else:
             result, _ = infer(bench, [place], effects=ids)
-        spent = time.perf_counter() - begin
         planned = result.diagnosis.next_experiment
-        steps.append(Step(result, planned.description if planned else "", spent))
+        steps.append(Step(result, planned.description if planned else ""))
         if planned is None or len(steps) > proposals:
             return steps
         plan = folder / planned.folder
@@ -279,7 +275,6 @@ def run(
         },
         "event": judged_event(found, event),
         "learned": learning(found),
-        "seconds": first.seconds,
     }
     if with_bic and fitted is not None:
         record["bic"] = bic(fitted)._asdict()
@@ -548,16 +543,6 @@ def _figures(records: Sequence[Record]) -> list[str]:
     ]
     if shares:
         found.append(f"Median gap closed: {', '.join(shares)}.")
-    times = [
-        f"{np.median([r['seconds'] for r in own]):.0f} s (R = {size:g})"
-        for size, own in _by_strength(records)
-    ]
-    longest = max(records, key=lambda record: record["seconds"])
-    found.append(
-        f"Median time of the first diagnosis: {', '.join(times)}; longest "
-        f"{longest['seconds']:.0f} s ({longest['hidden']}, R = "
-        f"{longest['strength']:g})."
-    )
     given, covers = [r["intervals"] for r in records], []
     for name in dict.fromkeys(name for each in given for name in each):
         of = [each[name] for each in given if name in each]

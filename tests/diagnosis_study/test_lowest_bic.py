@@ -72,7 +72,7 @@ def case(
     return {
         "make": "guides", "protocol": "bare", "strength": 4.0, "seed": seed,
         "kind": kind, "hidden": hidden or "none", "trials": "rich", "misfit": misfit,
-        "effects": [hidden] if hidden else [], "closed": 0.5, "seconds": 3.0,
+        "effects": [hidden] if hidden else [], "closed": 0.5,
         "steps": [{"named": [], "verdict": "none", "ties": []}], "proposed": [""],
         "odds": [0.9], "intervals": {}, "bic": {"named": guessed},
         "event": {"found": True, "kinds": [], "late": 0.0},

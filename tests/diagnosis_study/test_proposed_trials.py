@@ -64,7 +64,7 @@ def test_rates_are_by_strength_and_failures_are_listed() -> None:
         "make": "guides", "protocol": "bare", "hidden": "joint_gravity",
         "strength": 4.0, "seed": 1, "kind": "named", "effects": ["joint_gravity"],
         "steps": [tied, right], "proposed": ["a", ""], "odds": [0.8, 0.95],
-        "seconds": 3.0, "closed": 0.9, "intervals": {}, "trials": "rich",
+        "closed": 0.9, "intervals": {}, "trials": "rich",
         "event": {"found": True, "kinds": [], "late": 0.0},
     }  # fmt: skip
     wrong = {**record, "seed": 2, "steps": [{**right, "named": ["b"]}]}

@@ -49,7 +49,6 @@ def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
     return {
         "trials": draw(st.sampled_from(["rich", "restful"])),
         "protocol": "bare",
-        "seconds": draw(st.floats(1.0, 500.0)),
         "misfit": 1.2,
         "steps": steps,
         "proposed": ["", ""][: len(steps)],

@@ -18,6 +18,7 @@ from PIL import Image
 
 import cc_mujoco
 import page_blocks
+from cc_mujoco.assets import SCENES
 from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets import _dataset_file
 from cc_mujoco.datasets._dataset_file import Source
@@ -70,7 +71,7 @@ def test_all_pages_together_can_be_read() -> None:
         for place, text in PAGES.items()
         if place != "CHANGELOG.md" and not place.startswith(".github")
     }
-    assert sum(words.values()) <= 25_000, words
+    assert sum(words.values()) <= 24_200, words
 
 
 @pytest.mark.parametrize("place", PAGES)
@@ -107,18 +108,29 @@ def test_every_picture_lies_beside_a_page_that_shows_it() -> None:
 
 def test_a_film_is_what_its_script_writes_and_soon_loaded() -> None:
     films = {
-        place: path
-        for place, path in found("*.webp").items()
+        path.stem.removeprefix("film-"): path
+        for path in found("*.webp").values()
         if path.name.startswith("film-") or path.name == "controllers.webp"
     }
-    assert len(films) == 7
-    assert sum(path.stat().st_size for path in films.values()) < 4e6
-    for path in films.values():
-        demo = path.name == "controllers.webp"
+    assert set(films) == {*SCENES, "controllers"}
+    assert set(demo_film.GALLERY) == set(SCENES)
+    for name, path in films.items():
+        assert path.stat().st_size < 8e5
+        demo = name == "controllers"
         seconds = demo_film.DURATION if demo else demo_film.OF_A_DEVICE
         with Image.open(path) as film:
-            assert film.size == demo_film.SIZE[::-1]
+            assert film.size == demo_film.LAYOUTS[3 if demo else 1].size[::-1]
             assert film.n_frames == round(seconds * demo_film.RATE)  # type: ignore[attr-defined]
+
+
+def test_the_gallery_gives_the_command_of_every_film() -> None:
+    page = PAGES["envs/README.md"]
+    for name, (law, _, task) in demo_film.GALLERY.items():
+        choice = f" --task {task}" if task else ""
+        command = f"cc-mujoco play {name}{choice} --controller {law} --video"
+        (cell,) = (each for each in page.split("|") if f"(film-{name}.webp)" in each)
+        assert f"`{command}`" in cell
+        parse("cc-mujoco", command.split()[1:])
 
 
 @pytest.mark.parametrize("name", fill_readme.SHORT)

@@ -1,19 +1,21 @@
-"""A film of a device: one motion, three laws, cables coloured by the tension inside.
+"""Films of devices at work, cables coloured by the tension inside.
 
     python scripts/figures/demo_film.py cc_mujoco/control/controllers.webp
-    python scripts/figures/demo_film.py --scene ankle film-ankle.webp
+    python scripts/figures/demo_film.py --gallery envs
     python scripts/figures/demo_film.py --scene knee.xml --axis knee knee.webp
 
-Without --scene it is the demo. A device plays its own trajectory and task; the plots
-show its first axis, or that of --axis. Frames are drawn as `cc-mujoco play --video`
-draws them, and kept as an animated WebP, which pages show without a player. Needs
-OpenGL; see `cc_mujoco/viz`.
+The first is the demo: one motion of the wrist handle with three controllers. --gallery
+writes a film of every built-in device, each with a controller of `GALLERY`, into a
+folder; --scene one of any device, with one controller or three side by side. A device
+plays its own trajectory and task; the plots show its first axis, or that of --axis.
+Frames are drawn as `cc-mujoco play --video` draws them, and kept as an animated WebP,
+which pages show without a player. Needs OpenGL; see `cc_mujoco/viz`.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,16 +40,38 @@ Picture = NDArray[np.uint8]
 
 DURATION, RATE = 5.0, 15  # duration of the demo [s], frames per second of it
 OF_A_DEVICE = 3.0  # duration of the motion of a device [s]
-OF_POSITION = "none", "backlash_inverse", "cable_inverse"
-"""Controllers where the task is an angle; else those of the demo."""
+GALLERY: dict[str, tuple[str, str | None, str | None]] = {
+    "wrist": ("predictive", None, "spring:2.5"),
+    "ankle": ("predictive", None, None),
+    "bench": ("lqg", None, None),
+    "finger": ("predictive", None, None),
+    "exosuit": ("predictive", "ankle", None),
+    "bilateral": ("predictive", "left_ankle", None),
+    "hand": ("lqg", "index_flexor", None),
+    "endoscope": ("cable_inverse", None, None),
+}
+"""Controller of every built-in device in its film, axis in the plot, and task if it is
+not the device's own."""
 REST = 1500  # time for which the last frame stands [ms]
-SIZE = (480, 800)  # height and width [pixels]
-SCENE = (214, 244)  # height and width of the device with one controller [pixels]
-TOP = 34  # rows above the devices [pixels]
-LEFTS = (40, 296, 552)  # first columns of the devices, and of the plots below [pixels]
-PLOTS = (38, 130)  # height above the lower edge and height of the plots [pixels]
-SCALE = 216  # height of the scale of tension above the lower edge [pixels]
 DPI = 100
+
+
+class Layout(NamedTuple):
+    """Positions in a frame [pixels]."""
+
+    size: tuple[int, int] = (480, 800)  # height and width
+    scene: tuple[int, int] = (214, 244)  # height and width of one device
+    top: int = 34  # rows above the devices
+    lefts: tuple[int, ...] = (40, 296, 552)  # first columns of devices and plots
+    plots: tuple[int, int] = (38, 130)  # height above the lower edge, and height
+    scale: int = 216  # height of the scale of tension above the lower edge
+
+
+LAYOUTS = {
+    1: Layout((480, 480), (300, 428), 30, (44,), (34, 62), 136),
+    3: Layout(),
+}
+"""Layout by the number of controllers."""
 
 
 class Take(NamedTuple):
@@ -60,11 +84,13 @@ class Take(NamedTuple):
     quantity: str = "joint torque [N m]"
 
 
-def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Picture]:
+def devices(
+    take: Take, samples: NDArray[np.intp], highest: float, size: tuple[int, int]
+) -> list[Picture]:
     """Return pictures of the device at these samples, coloured up to `highest` [N]."""
     log, qpos = take.log, take.log["qpos"]
     poses = qpos[np.linspace(0, len(log) - 1, 40).astype(int)]  # of the camera
-    with OffscreenRenderer(take.model, log.cables, highest, poses, SCENE) as stage:
+    with OffscreenRenderer(take.model, log.cables, highest, poses, size) as stage:
         return [
             stage.picture(
                 qpos[sample],
@@ -75,15 +101,17 @@ def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Pictu
 
 
 def frames(takes: dict[str, Take]) -> Iterator[Picture]:
-    """Yield all frames, (480, 800, 3) each."""
+    """Yield all frames, (height, width, 3) each."""
+    layout = LAYOUTS[len(takes)]
+    height, width = layout.scene
     highest = max(highest_tension(take.log) for take in takes.values())
     time = next(iter(takes.values())).log["time_s"]
     count = round((time[-1] - time[0]) * RATE)
     wanted = time[0] + (np.arange(count) + 1) / RATE
     samples = np.searchsorted(time, wanted).clip(max=len(time) - 1)
-    shown = [devices(take, samples, highest) for take in takes.values()]
+    shown = [devices(take, samples, highest, layout.scene) for take in takes.values()]
     with report.style():
-        drawing, moving = drawn(takes, highest)
+        drawing, moving = drawn(takes, layout, highest)
         canvas = FigureCanvasAgg(drawing)
         for number, sample in enumerate(samples.tolist()):
             for (line, moment), take in zip(moving, takes.values(), strict=True):
@@ -91,27 +119,29 @@ def frames(takes: dict[str, Take]) -> Iterator[Picture]:
                 moment.set_xdata([time[sample]] * 2)
             canvas.draw()
             frame = np.array(canvas.buffer_rgba())[..., :3]
-            for left, pictures in zip(LEFTS, shown, strict=True):
-                height, width = SCENE
-                frame[TOP : TOP + height, left : left + width] = pictures[number]
+            rows = slice(layout.top, layout.top + height)
+            for left, pictures in zip(layout.lefts, shown, strict=True):
+                frame[rows, left : left + width] = pictures[number]
             yield frame
 
 
-def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
+def drawn(
+    takes: dict[str, Take], layout: Layout, highest: float
+) -> tuple[Figure, list[Any]]:
     """Draw all but the devices; return the figure and the parts that a frame moves."""
-    height, width = SIZE
+    height, width = layout.size
     drawing = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
-    low, tall = PLOTS
+    low, tall = layout.plots
     moving: list[Any] = []
     first = None
-    for (law, take), left in zip(takes.items(), LEFTS, strict=True):
+    for (law, take), left in zip(takes.items(), layout.lefts, strict=True):
         time, place = take.log["time_s"], (left / width, low / height)
         desired, reached = take.log[take.desired], take.log[take.reached]
         title = f"{law}: error {relative_error(time, desired, reached):.0%}"
-        middle = 1.0 - 0.5 * TOP / height
+        middle = 1.0 - 0.5 * layout.top / height
         drawing.text(place[0], middle, title, fontsize=11, weight="bold", va="center")
         axes = drawing.add_axes(
-            (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
+            (*place, layout.scene[1] / width, tall / height), sharex=first, sharey=first
         )
         axes.plot(time, reached, color=report.BLUE, alpha=0.25)  # still to come
         looks = {"color": report.GREY, "dashes": report.DASH_PATTERN}
@@ -125,53 +155,69 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
             first = axes
             axes.set_title(take.quantity, fontsize=9, weight="normal")
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97))
-    bar = drawing.add_axes((0.5, SCALE / height, 0.36, 8 / height))
+    bar = drawing.add_axes((0.5, layout.scale / height, 0.36, 8 / height))
     colors = ScalarMappable(Normalize(0.0, highest), report.TENSION_COLORS)
     drawing.colorbar(colors, cax=bar, orientation="horizontal")
     bar.tick_params(length=2, pad=1, labelsize=8)
-    left, level = LEFTS[0] / width, (SCALE + 4) / height
+    left, level = layout.lefts[0] / width, (layout.scale + 4) / height
     drawing.text(left, level, "tension inside the cables [N]", fontsize=9, va="center")
     return drawing, moving
 
 
-def takes_of(scene: str, name: str | None) -> dict[str, Take]:
+def takes_of(
+    scene: str, laws: Sequence[str], name: str | None, task: str | None = None
+) -> dict[str, Take]:
     """Play a device with each controller; show an axis, by default the first one."""
     axes = {axis.name: axis for axis in find_device(scene).description.axes}
     axis = look_up("axis", name or next(iter(axes)), axes)
     prefix = f"{axis.name}." if len(axes) > 1 else ""
-    laws, shown = tuple(LAWS), Take._field_defaults.values()
+    desired, reached, quantity = Take._field_defaults.values()
     if axis.task == "position":
-        laws = OF_POSITION
-        shown = "reference_angle_rad", "joint_angle_rad", "joint angle [rad]"
-    desired, reached, quantity = shown
+        desired, reached = "reference_angle_rad", "joint_angle_rad"
+        quantity = "joint angle [rad]"
     env: Any = gymnasium.make("cc_mujoco/Device-v1", device=scene)
     return {
         law: Take(
-            simulate(scene, law, duration=OF_A_DEVICE),
+            simulate(scene, law, task=task, duration=OF_A_DEVICE),
             env.unwrapped.model, prefix + desired, prefix + reached, quantity,
         )
         for law in laws
     }  # fmt: skip
 
 
+def write(out: Path, takes: dict[str, Take]) -> None:
+    """Write the film of one controller, or of three side by side."""
+    first, *others = (Image.fromarray(frame) for frame in frames(takes))
+    first.save(
+        out, format="WEBP", save_all=True, append_images=others, loop=0,
+        duration=[round(1e3 / RATE)] * len(others) + [REST], quality=72, method=6,
+    )  # fmt: skip
+    print(f"written: {out}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=Path)
-    parser.add_argument("--scene", help="name or file of a device")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--gallery", action="store_true", help="every built-in device")
+    what.add_argument("--scene", help="name or file of a device")
+    parser.add_argument("--controllers", nargs="+", default=["predictive"], help="1, 3")
     parser.add_argument("--axis", help="name of the axis that the plots show")
     options = parser.parse_args()
+    if len(options.controllers) not in LAYOUTS:
+        parser.error("--controllers takes one controller or three.")
     try:
-        if options.scene:
-            takes = takes_of(options.scene, options.axis)
+        if options.gallery:
+            for name, (law, *shown) in GALLERY.items():
+                write(options.out / f"film-{name}.webp", takes_of(name, [law], *shown))
+        elif options.scene:
+            laws = options.controllers
+            write(options.out, takes_of(options.scene, laws, options.axis))
         else:
-            takes = {law: Take(*episode(law, DURATION)) for law in LAWS}
+            demo = {law: Take(*episode(law, DURATION)) for law in LAWS}
+            write(options.out, demo)
     except CableError as error:
         parser.error(str(error))
-    first, *others = (Image.fromarray(frame) for frame in frames(takes))
-    first.save(
-        options.out, format="WEBP", save_all=True, append_images=others, loop=0,
-        duration=[round(1e3 / RATE)] * len(others) + [REST], quality=72, method=6,
-    )  # fmt: skip
 
 
 if __name__ == "__main__":

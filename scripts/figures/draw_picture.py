@@ -1,7 +1,5 @@
-"""Draw a device at work, its cables by tension: the pictures of the pages.
+"""Draw a device at work, its cables by tension.
 
-    MUJOCO_GL=egl python scripts/figures/draw_picture.py envs/wrist_handle.png
-    MUJOCO_GL=egl python scripts/figures/draw_picture.py --scene exosuit exosuit.png
     MUJOCO_GL=egl python scripts/figures/draw_picture.py --scene knee.xml knee.png
 
 Needs OpenGL; `egl` or `osmesa` do without a display.
@@ -21,8 +19,7 @@ from cc_mujoco import simulate
 from cc_mujoco.report import TENSION_COLORS, figure, save
 from cc_mujoco.viz import OffscreenRenderer, highest_tension
 
-PLAYED = {"wrist": ("spring", 3.4), "exosuit": ({"hip": "swing"}, 2.42)}
-"""Task, and time at which tension runs through the cables [s]."""
+DURATION = 1.4  # time after which tension runs through the cables [s]
 
 
 def main() -> None:
@@ -30,10 +27,8 @@ def main() -> None:
     parser.add_argument("out", type=figure_path)
     parser.add_argument("--scene", default="wrist", help="device: name or file")
     options = parser.parse_args()
-    task, seconds = PLAYED.get(options.scene, (None, 1.4))  # of others
-    law = "pi_tuned" if options.scene in PLAYED else "none"
-    env = gymnasium.make("cc_mujoco/Device-v1", device=options.scene, duration=seconds)
-    log = simulate(options.scene, law, task=task, duration=seconds)
+    env = gymnasium.make("cc_mujoco/Device-v1", device=options.scene, duration=DURATION)
+    log = simulate(options.scene, "none", duration=DURATION)
     qpos, highest = log["qpos"][-1:], highest_tension(log)
     tensions = {name: log[f"tension_{name}_nodes_n"][-1] for name in log.cables}
     with OffscreenRenderer(env.unwrapped.model, log.cables, highest, qpos) as stage:

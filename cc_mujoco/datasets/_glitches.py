@@ -28,6 +28,9 @@ class _Thresholds(NamedTuple):
     calm_quantile: float = 0.7  # of their changes
     readings: int = 50  # fewer tell nothing
     clipped: int = 5  # equal readings at an extreme that are clipped
+    repeats_by_chance: float = 1e-4  # probability of as many repeats in shorter runs
+    repeat: float = 0.01  # least probability of a repeat
+    noise: float = 1e-4  # median third difference of a noisy load, by its range
     counted: int = 100_000  # most readings from which sizes are estimated
 
 
@@ -192,7 +195,7 @@ def _frozen(readings: FloatArray) -> list[slice]:
     # Repeats are usual, or so little noise is a state of rest, as in simulations.
     if usual > 0.1 or not alive.any():
         return []
-    if np.nanmedian(third[alive]) < 1e-4 * (high - low):
+    if np.nanmedian(third[alive]) < _LEAST.noise * (high - low):
         return []
     ends, least = (np.nanmin(readings), np.nanmax(readings)), _least_size(readings)
     found = []
@@ -226,7 +229,34 @@ def _clipped(channel: str, readings: FloatArray, alone: bool) -> dict[str, list[
         there = np.diff(readings == extreme, prepend=False, append=False)
         edges = np.flatnonzero(there).reshape(-1, 2)
         runs = edges[edges[:, 1] - edges[:, 0] >= _LEAST.clipped]
-        if len(runs) > 1 or (len(runs) and np.ptp(runs) >= 4 * _LEAST.clipped):
-            why = f"it is cut off {side}; {mend}"
-            found[why] = [slice(*run) for run in runs.tolist()]
+        if _repeats_despite_noise(readings, edges, usual):
+            runs = edges
+        elif len(runs) < 2 and (not len(runs) or np.ptp(runs) < 4 * _LEAST.clipped):
+            continue
+        why = f"it is cut off {side}; {mend}"
+        found[why] = [slice(*run) for run in runs.tolist()]
     return found
+
+
+def _repeats_despite_noise(
+    readings: FloatArray, runs: NDArray[np.intp], usual: float
+) -> bool:
+    """Return whether runs of one reading have more repeats than noise at rest gives.
+
+    Noise is estimated from third differences, which hardly see the motion; `usual` is
+    the share of repeats among all other readings.
+    """
+    from scipy.special import bdtrc
+
+    known = readings[np.isfinite(readings)]
+    third = float(np.median(np.abs(np.diff(known, 3))))
+    low, high = np.quantile(known, (0.01, 0.99))
+    noise = third / (0.6745 * np.sqrt(20.0))
+    if third < _LEAST.noise * (high - low) or noise == 0.0:
+        return False  # so little noise is a state of rest, as in simulations
+    chance = resolution(readings) / (2.0 * np.sqrt(np.pi) * noise)
+    count = int(np.sum(runs[:, 1] - runs[:, 0]))
+    repeats, chance = count - len(runs), max(chance, usual, _LEAST.repeat)
+    if chance >= 1.0 or len(runs) < 3:
+        return False
+    return bool(bdtrc(repeats - 1, count, chance) < _LEAST.repeats_by_chance)

@@ -234,8 +234,10 @@ def _search_without_events(
         happened = find_events(fitted.problem, fitted.whole.x, dataset) if more else []
         if not happened:
             found = search_effects(fitted, progress)
-            if more and found.problem.effects:
-                happened = find_events(found.problem, found.x, dataset)
+            off = found.problem.effects or fitted.crossed.misfit > Limit.layout_error
+            if more and off:
+                model = found.problem, found.x
+                happened = find_events(*model, dataset, any_motion=True)
         rests = []
         for event in happened:
             rest = leave_out(dataset, event)

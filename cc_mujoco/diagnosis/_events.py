@@ -95,13 +95,17 @@ class _Step(NamedTuple):
     parts: Mapping[str, tuple[int, int]]  # first and last block by trial, last excluded
 
 
-def find_events(problem: Problem, x: FloatArray, dataset: Dataset) -> list[Event]:
+def find_events(
+    problem: Problem, x: FloatArray, dataset: Dataset, any_motion: bool = False
+) -> list[Event]:
     """Return the event that explains most of the error of a fitted model, or nothing.
 
     A gain that changes gives two events, as either side may be the wrong one. An event
-    that moves the fit far is found by one to the trials before or after it.
+    that moves the fit far is found by one to the trials before or after it. A trial of
+    which nothing else has the speed or load may be an event by `any_motion` only: where
+    no effect explains it, and one constant of its own all of it.
     """
-    if found := _find(problem, x, dataset):
+    if found := _find(problem, x, dataset, any_motion):
         return found
     records = problem.plant.records
     if _ratio(problem, x, [r.counts for r in records]) <= Limit.layout_error:
@@ -112,7 +116,7 @@ def find_events(problem: Problem, x: FloatArray, dataset: Dataset) -> list[Event
     for kept in (names[:part], names[-part:]) if part else ():
         half = [r.free & (r.trial in kept) for r in records]
         problem, there = _fitted_alone(problem, x, half)
-        if found := _find(problem, there, dataset):
+        if found := _find(problem, there, dataset, any_motion):
             return found
     return []
 
@@ -127,9 +131,14 @@ def _fitted_alone(
     return problem, x
 
 
-def _find(problem: Problem, x: FloatArray, dataset: Dataset) -> list[Event]:
+def _find(
+    problem: Problem, x: FloatArray, dataset: Dataset, any_motion: bool
+) -> list[Event]:
     tracks = _tracks(problem, x)
-    steps = [*_steps_within(problem, tracks), *_steps_between(problem, tracks)]
+    steps = [
+        *_steps_within(problem, tracks),
+        *_steps_between(problem, tracks, any_motion),
+    ]
     each = {(step.name, *step.parts.items()): step for step in steps}
     changes = [_Change.of(problem, x, tracks, step) for step in each.values()]
     changes.sort(key=lambda change: -change.gain)
@@ -285,7 +294,9 @@ def _sizes(
     return np.where(able, product / np.maximum(square, 1e-300), 0.0), square * able
 
 
-def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_Step]:
+def _steps_between(
+    problem: Problem, tracks: Mapping[str, _Track], any_motion: bool
+) -> Iterator[_Step]:
     """Yield by signal up to two significant divisions of the trials in two groups."""
     noise, every_name = _noise(problem), list(tracks)
     for signal in dict.fromkeys(n for track in tracks.values() for n in track.signals):
@@ -309,7 +320,9 @@ def _steps_between(problem: Problem, tracks: Mapping[str, _Track]) -> Iterator[_
         for k in np.argsort(-gains)[:2]:
             one = [n for n, side in zip(names, steps[k], strict=True) if side]
             smaller, larger = sorted([one, [n for n in names if n not in one]], key=len)
-            if gains[k] > 0.0 and _is_comparable(problem, tracks, smaller, larger):
+            alone = any_motion and len(smaller) == 1
+            able = alone or _is_comparable(problem, tracks, smaller, larger)
+            if gains[k] > 0.0 and able:
                 whole = {name: (0, len(tracks[name].conditions)) for name in smaller}
                 yield _Step(signal, whole)
                 # A step may lie within a trial beside a division by time.
@@ -414,6 +427,24 @@ class _Change(NamedTuple):
         gain = own * rest / max(own + rest, 1e-300) * (levels[0] - levels[1]) ** 2
         return self._replace(name=name, levels=levels, gain=gain)
 
+    def drifts(self) -> list[_Change]:
+        """Return drifts of torques' zeros in its trial, or the last before a step."""
+        tracks, names = self.tracks, list(self.tracks)
+        known = [n for n in TORQUE_OFFSETS if n in tracks[names[0]].signals]
+        if self.reach:
+            able = next(iter(self.inside.values()))[-1]
+            return [self.drifting(name) for name in known if able]
+        side = self.inside if names[-1] in self.inside else self.outside
+        late = [n for n in names if n in side and side[n].any()]
+        place = len(names) - len(late) - 1
+        if place < 0 or late != names[place + 1 :]:
+            return []
+        every = {n: np.ones(t.time.size, bool) for n, t in tracks.items()}
+        inside = {n: every[n] for n in names[place:]}
+        outside = {n: every[n] for n in names[: place + 1]}
+        step = self._replace(inside=inside, outside=outside)
+        return [step.drifting(name) for name in known]
+
     def drifting(self, name: str) -> _Change:
         """Return a drift of a signal to the end of its trial, after which it stays."""
         (trial, _), *others = self.inside.items()
@@ -427,19 +458,23 @@ class _Change(NamedTuple):
         # Beside a zero of all trials, to which a part of the drift was fitted
         shared = (late[1] + ramps @ square) / whole[1]
         own = late[0] + ramps @ product - shared * whole[0]
-        taken = own**2 / (late[1] + ramps**2 @ square - shared**2 * whole[1])
+        size = own / (late[1] + ramps**2 @ square - shared**2 * whole[1])
+        taken = own * size
         best = int(np.argmax(taken))
+        usual = whole[0] / whole[1] - size[best] * shared[best]
         ramp, start = ramps[best], float(starts[best, 0])
-        left = product - (ramp @ product) / (ramp**2 @ square) * ramp * square
+        left = product - (usual + size[best] * ramp) * square
         along: dict[str, FloatArray] = {trial: ramp}
         off = np.bincount(block, left) ** 2 / np.bincount(block, square)
         scatter = max(float(np.mean(off)), _noise(self.problem))
         least = taken[best] - Limit.sigmas**2 * scatter
         reach = float(np.max(np.abs(starts[taken >= least] - start)))
-        tracks = {
-            n: t._replace(signals={drift: t.signals[name] * along.get(n, 1.0)})
-            for n, t in self.tracks.items()
-        }
+        tracks = {}
+        for n, track in self.tracks.items():
+            zero = track.signals[name]
+            own_signals = {drift: zero * along.get(n, 1.0)}
+            error = track.error - usual * zero
+            tracks[n] = track._replace(signals=own_signals, error=error)
         inside = {**self.inside, trial: time >= start}
         outside = {**self.outside, trial: time < start}
         found = self._replace(tracks=tracks, inside=inside, outside=outside)
@@ -528,6 +563,19 @@ class _Change(NamedTuple):
                 return True
         return False
 
+    def is_comparable(self) -> bool:
+        """Return whether its whole trials and the others have conditions in common."""
+        others = [name for name in self.tracks if name not in self.inside]
+        return _is_comparable(self.problem, self.tracks, list(self.inside), others)
+
+    def fits_part(self) -> bool:
+        """Return whether nothing of the part's error is left."""
+        noise, count = self.problem.noise_over_floor, 0.0
+        left = self.left(self.inside, self.levels[0])[0]
+        for each, kept in zip(noise, self.masks, strict=True):
+            count += float(np.sum(each[:, kept] ** 2))
+        return left <= Limit.layout_error**2 * count
+
     @property
     def constant(self) -> Tuned | None:
         """Constant of the tuned scene that changes; None of a torque."""
@@ -584,8 +632,7 @@ class _Change(NamedTuple):
         trial = next(iter(self.inside))
         signals = self.tracks[trial].signals
         able = [self.of_signal(name) for name in signals]
-        if self.reach and self.inside[trial][-1]:
-            able += [self.drifting(n) for n in TORQUE_OFFSETS if n in signals]
+        able += self.drifts()
         exact = sorted((each.refined() for each in able), key=lambda pair: pair[1])
         (best, left), *others = exact
         near = [e.name for e, own in others if own * Limit.rival_event_share < left]
@@ -595,13 +642,17 @@ class _Change(NamedTuple):
             best = moved.drifting(best.name.removesuffix(DRIFT))
         if not (best.takes_most() and best.is_plausible()):
             return []
+        if best.is_whole and not (best.is_comparable() or best.fits_part()):
+            return []
         return [side.event(dataset, near) for side in best.sides]
 
     def device(self, dataset: Dataset) -> Event | None:
         """Return the event of trials that fit by themselves, not with the others."""
         problem, part, there = self.problem, self.masks, self.x
         records = problem.plant.records
-        if min(len(self.inside), len(self.tracks) - len(self.inside)) < 2:
+        hooked = {r.trial for r in records if not r.unhooked}
+        inside = len(hooked.intersection(self.inside))
+        if min(inside, len(hooked) - inside) < 2:
             return None
         own = [r.free & mask for r, mask in zip(records, part, strict=True)]
         problem, there = _fitted_alone(problem, there, own)

@@ -64,14 +64,15 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._references import read_plan
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import table
-from rig.dataset import clean_dataset, make_dataset
+from rig.dataset import clean_dataset, make_dataset, truth_of
+from rig.engine import tension_at_rest
 from rig.events import KINDS, with_event
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
 from rig.sensors import BASIC, logged
 from rig.strength import calibrate, measure
-from rig.trials import Trial, asked
+from rig.trials import LEAD, Trial, asked
 
 if TYPE_CHECKING:
     from cc_mujoco.hardware._references import Planned
@@ -252,7 +253,7 @@ def run(
     ids = RARE if case.kind == "rare" else ()
     with tempfile.TemporaryDirectory() as folder:
         steps = loop(rig, amounts, data, facts, Path(folder), proposals, ids, search)
-    first, truth = steps[0], truth_of(rig)
+    first, truth = steps[0], baseline_of(rig, amounts, case.seed)
     searched, found = first.result.found, first.diagnosis
     fitted = searched.fitted if searched else None
     beliefs = [step.diagnosis.belief for step in steps]
@@ -281,14 +282,15 @@ def run(
     return record
 
 
-def truth_of(rig: Rig) -> dict[str, float]:
+def baseline_of(rig: Rig, amounts: Mapping[str, float], seed: int) -> dict[str, float]:
     """Return the true parameters of a rig in terms of the baseline's lumped scene."""
+    bench = truth_of(rig, amounts, seed).plant.bench
     # A shaft that twists is soft in series with both cables.
-    shaft = MAKES[rig.make].plant_of(rig).bench.shaft
     pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
     return {
-        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
-        "pretension": rig.pretension,
+        "axial_stiffness": rig.axial_stiffness / (1.0 + bench.shaft * pair),
+        # The motor moves before the recording begins.
+        "pretension": tension_at_rest(bench, rig.pretension, LEAD),
         # The scene's wrap is taken for granted, so friction is scaled by the rest.
         "friction": 0.5 * (rig.friction_a + rig.friction_b) * rig.wrap / NOMINAL.wrap,
     }

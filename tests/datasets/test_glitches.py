@@ -185,6 +185,31 @@ def test_clipped_readings_are_left_out_with_their_time():
     assert torque[np.argmin(np.abs(TIME - float(start)))] == 7.0
 
 
+def test_few_clipped_readings_of_a_noisy_sensor_are_left_out():
+    torque = 0.005 * np.round(swing(10) / 0.005)
+    limit = np.sort(torque)[-25]
+    kept, (finding,) = without_glitches(
+        recording(**{TORQUE: np.minimum(torque, limit)})
+    )
+    flat = np.flatnonzero(torque >= limit)
+    assert missing(kept) == flat.tolist() and "cut off above" in finding.statement
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    step=st.sampled_from((0.001, 0.005, 0.02, 0.05)),
+    speed=st.sampled_from((0.0, 0.2, 1.0)),
+    noise=st.sampled_from((0.01, 0.03)),
+)
+def test_rounded_readings_at_an_extreme_are_not_clipped(seed, step, speed, noise):
+    random = np.random.default_rng(seed)
+    torque = 2.0 * np.cos(speed * TIME) + noise * random.normal(size=TIME.size)
+    torque = step * np.round(torque / step)
+    assume(0 < np.mean(np.diff(torque) == 0.0) < 0.3)
+    _, found = without_glitches(recording(**{TORQUE: torque}))
+    assert not [each for each in found if "cut off" in each.statement]
+
+
 @pytest.mark.parametrize("rows", [3, 49])
 def test_few_readings_are_left_alone(rows):
     torque = np.zeros(rows)

@@ -165,8 +165,9 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit: noise, disagreement of trials, errors of form.
 
     Noise makes B; trials that disagree by factors f_k make f_k B_kk of its diagonal,
-    with few degrees of freedom; `form_error` adds its part. The degrees are divided by
-    the squared share of B and trials (Satterthwaite, Biometrics Bulletin 2, 1946).
+    with few degrees of freedom; `form_error` and `law_error` add theirs. The
+    degrees are divided by the squared share of B and trials (Satterthwaite, Biometrics
+    Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -179,6 +180,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     controls = controls_of(fresh, x, masks)
     data = len(controls)
     form = form_error(slopes[:data], residual[:data], noise, controls)
+    form += _law_errors(fresh, x, masks, slopes, residual)
     share = np.diag(trials) / np.diag(trials + form)
     freedom = np.where(beyond > 0.0, moved.freedom / share**2, np.inf)
     return Spread(trials + form, freedom)
@@ -266,6 +268,47 @@ def form_error(
     excess = float(along @ along) - shown.shape[1]
     most = float(np.max(size)) ** 2
     return np.asarray(min(max(excess, 0.0) / kept, most) * (into.T @ into))
+
+
+def law_error(
+    slopes: FloatArray, priors: int, change: FloatArray, excess: float
+) -> FloatArray:
+    """Return the covariance of a fit due to the law of an effect in the model.
+
+    The effect's `change` d of the residual (data,) is known up to a share: a fit of all
+    other parameters leaves M d of it, and `excess`, the squared residual that noise
+    does not explain, is that share of |M d|^2. Of the rest of d, which moves those
+    parameters by H^-1 J^T d, as large a share may be wrong.
+
+    `slopes` (data and priors, parameters) are J of the other parameters.
+    """
+    data = slopes[: len(slopes) - priors]
+    moved = least_squares.covariance(slopes) @ data.T @ change
+    beside = change - data @ moved
+    wrong = min(excess / max(float(beside @ beside), 1e-300), 1.0)
+    return np.asarray(wrong * np.outer(moved, moved))
+
+
+def _law_errors(
+    problem: Problem, x: FloatArray, masks: Masks, slopes: FloatArray,
+    residual: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return the covariance of the baseline due to the laws of all effects."""
+    found = np.zeros((x.size, x.size))
+    ratio = problem.misfit(range(len(problem.floor)), problem.deviations(x))
+    priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
+    data = residual[: residual.size - priors]
+    excess = float(np.sum(data**2)) * max(0.0, 1.0 - ratio**-2)
+    names = {p.name for name in problem.effects for p in EFFECTS[name].parameters}
+    base = [k for k, name in enumerate(problem.names) if name not in names]
+    for effect in problem.effects:
+        slim = problem.without(effect)
+        rest = [k for k, own in enumerate(problem.tuned) if own in slim.tuned]
+        change = slim.residual(x[rest], masks)[: data.size] - data
+        whole = np.zeros_like(found)
+        whole[np.ix_(rest, rest)] = law_error(slopes[:, rest], priors, change, excess)
+        found[np.ix_(base, base)] += whole[np.ix_(base, base)]
+    return found
 
 
 def _basis(columns: FloatArray) -> FloatArray:

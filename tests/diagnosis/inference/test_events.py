@@ -112,8 +112,9 @@ def test_what_happens_in_a_trial_is_named_with_its_time(
     assert again.crossed.misfit < 1.3 and other is None
 
 
-def test_a_torque_that_drifts_is_found_where_it_begins_and_ends() -> None:
-    start, size = 1.4, 0.3
+@pytest.mark.parametrize("start", [1.4, 3.3])
+def test_a_torque_that_drifts_is_found_where_it_begins_and_ends(start: float) -> None:
+    size = 0.3
     data = changed(
         session(),
         lambda trial, _: drifted(
@@ -169,6 +170,18 @@ def test_trials_of_another_cable_are_judged_as_an_occasion(tmp_path: Path) -> No
     assert [own == event.occasion for own in occasions] == [
         trial.name in event.spans for trial in data.trials
     ]
+
+
+def test_the_slowest_trial_is_an_event_by_a_constant_that_fits_it() -> None:
+    slow = dataset(changes=USUAL | {"pretension": 41.0}, duration=LENGTH).trials[0]
+    late = replace(slow, name="run_6", path="run_6.csv", time=20.0 * slow.time)
+    data = session()
+    data = replace(data, trials=(*data.trials, late))
+    fitted = baseline_fit(data)
+    model = fitted.problem, fitted.whole.x
+    (event,) = find_events(*model, data, any_motion=True)
+    assert event.kind == "pretension" and list(event.spans) == ["run_6"]
+    assert event.size.value == pytest.approx(0.5, abs=0.02)
 
 
 def test_an_encoder_that_is_zeroed_in_a_trial_divides_it_and_the_later_ones(

@@ -21,6 +21,7 @@ from cc_mujoco.diagnosis._fit.intervals import (
     estimates,
     fit_covariance,
     form_error,
+    law_error,
     noise_covariance,
     parts_of,
 )
@@ -117,6 +118,22 @@ def test_an_error_of_form_is_as_large_as_it_makes_fits_err(size: float) -> None:
         assert np.diag(mean) == pytest.approx(np.diag(beyond), rel=0.1)
     else:
         assert np.max(np.diag(mean) / np.diag(noise)) < 0.5
+
+
+@pytest.mark.parametrize("wrong", [0.05, 0.2])
+def test_a_law_that_is_wrong_by_a_share_moves_parameters_by_that_share(
+    wrong: float,
+) -> None:
+    random = np.random.default_rng(4)
+    slopes = random.normal(size=(PARTS.size, 2))
+    change = slopes @ [3.0, -1.0] + 2.0 * random.normal(size=PARTS.size)
+    prior = np.array([[0.0, 0.1]])
+    moved, _ = fitted(slopes, -change)
+    beside = change - slopes @ moved
+    excess = float(np.sum((wrong * beside) ** 2))
+    found = law_error(np.concatenate([slopes, prior]), 1, change, excess)
+    assert np.sqrt(np.diag(found)) == pytest.approx(wrong * np.abs(moved), rel=1e-3)
+    assert not law_error(slopes, 0, change, 0.0).any()
 
 
 def test_without_controls_or_room_beside_the_model_no_form_is_wrong() -> None:

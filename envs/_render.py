@@ -1,8 +1,11 @@
-"""Images of a device for `render_mode="rgb_array"`, and videos in real time."""
+"""Images of a device for `render_mode="rgb_array"`, videos, and a live window."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import atexit
+import math
+import time
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import gymnasium
@@ -10,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco import plugin
 from cc_mujoco.errors import CableError
 
 CAMERA = "overview"
@@ -23,8 +27,8 @@ IMAGE_SIZE = (480, 854)  # height and width [pixels]
 
 RENDER_RATE = 30  # images drawn per simulated second; a video needs no more [1/s]
 
-RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"]}
-"""Metadata of every environment, by Gymnasium's names."""
+RENDER_METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}
+"""Metadata of single environments, by Gymnasium's names."""
 
 
 def frame_interval(period: float) -> int:
@@ -121,6 +125,61 @@ class Film:
         return self._picture
 
 
+class Window:
+    """MuJoCo's viewer on a simulation, which it slows down to real time."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Open the window.
+
+        Raises:
+            CableError: If there is no screen.
+        """
+        from cc_mujoco.viz import _live_controls as live_controls
+        from cc_mujoco.viz import _viewer as viewer
+
+        self._viewer, self._pace = viewer, live_controls.RealTimePacer()
+        viewer.require_screen('render_mode="human"', 'render_mode="rgb_array" needs')
+        cables = plugin.from_mjcf(model)
+        self._readers = {name: plugin.Reader(model, name) for name in cables}
+        pretensions = [cable.pretension for cable in cables.values()]
+        highest = viewer.round_up_tension(max(pretensions, default=1.0))
+        self._screen = viewer.Screen(model, cables, highest, lambda _: None)
+        # GLFW must not end while a window is drawn to.
+        atexit.register(self.close)
+        self._time, self._shown = math.inf, -math.inf
+
+    def show(self, data: mujoco.MjData) -> None:
+        """Show the present state, at its time, unless the user closed the window."""
+        if not self._screen.open:
+            return
+        if data.time <= self._time:  # an episode begins
+            self._pace.begin(data.time)
+        self._time = data.time
+        self._pace.keep(data.time)
+        now = time.perf_counter()
+        if now - self._shown < self._viewer.MIN_FRAME_TIME:
+            return
+        self._shown = now
+        tensions = {
+            name: reader.read(data.plugin_state).tension
+            for name, reader in self._readers.items()
+        }
+        texts = (
+            ("time", f"{data.time:.1f} s"),
+            *(
+                (name, f"{nodes[0]:.1f} N at the motor, {nodes[-1]:.1f} N at the joint")
+                for name, nodes in tensions.items()
+            ),
+        )
+        scale = (("brightest", f"{self._screen.highest:g} N; grey is slack"),)
+        frame = self._viewer.Frame(data.qpos.copy(), tensions, (texts, scale))
+        self._screen.show(frame)
+
+    def close(self) -> None:
+        atexit.unregister(self.close)
+        self._screen.__exit__()
+
+
 class SceneRenderer:
     """Images of an environment's devices, by one renderer that opens on demand.
 
@@ -136,6 +195,7 @@ class SceneRenderer:
         """
         self._model, self._mode = model, mode
         self._camera: Camera | None = None
+        self._window = Window(model) if mode == "human" else None
         self.films = [Film(period) for _ in range(count)]
 
     def render(
@@ -146,21 +206,30 @@ class SceneRenderer:
         `poses` has each device's `qpos` (nq,), `steps` its number of control steps.
         """
         if self._mode is None:
-            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            gymnasium.logger.warn("render() needs a render_mode at make().")
+        if self._mode != "rgb_array":
             return None
         camera = self._camera = self._camera or Camera(self._model)
         shots = zip(self.films, poses, steps, strict=True)
         return tuple(film.picture(camera, pose, int(k)) for film, pose, k in shots)
 
+    def follow(self, data: mujoco.MjData) -> None:
+        """Show the state after a reset or step, in mode `human`."""
+        if self._window is not None:
+            self._window.show(data)
+
     def close(self) -> None:
+        if self._window is not None:
+            self._window.close()
+            self._window = None
         if self._camera is not None:
             self._camera.close()
             self._camera = None
 
 
-def check_mode(mode: str | None) -> None:
-    """Refuse a render mode that is neither None nor one of `RENDER_METADATA`."""
-    modes = RENDER_METADATA["render_modes"]
+def check_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
+    """Refuse a render mode that is neither None nor in an environment's metadata."""
+    modes = metadata["render_modes"]
     if mode is not None and mode not in modes:
         raise CableError.unknown("render mode", str(mode), modes)
 

@@ -132,7 +132,7 @@ class DeviceEnv(
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | device | physics steps from sample to sample, by default 1 kHz |
     | `wearer` | `None` | a `Wearer`; by default that of the scene |
-    | `render_mode` | `None` | `None` or `"rgb_array"` |
+    | `render_mode` | `None` | `"rgb_array"`, or `"human"`: a window in real time |
     | `model` | `None` | a variant of the scene, compiled |
     | `hold` | 1 | samples in a control step, for which an action is held |
     | `history` | 0 | earlier frames and actions in an observation |
@@ -169,7 +169,7 @@ class DeviceEnv(
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         EzPickle.__init__(self, device, *given, render_mode, model, *more)
-        check_mode(render_mode)
+        check_mode(render_mode, self.metadata)
         found = find_device(device)
         model = load(found) if model is None else copy.copy(model)
         self.device: Device = found
@@ -237,6 +237,7 @@ class DeviceEnv(
         self.exo.require_timestep()
         self._screen.films[0].cut()
         self._episodes.begin([0], [self.np_random], options)
+        self._screen.follow(self.data)
         return self._episodes.observation()[0], self._info([0.0, 0.0, 0.0])
 
     @exclusive
@@ -255,6 +256,7 @@ class DeviceEnv(
         if episodes.samples[0] >= last:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset().")
         terms = episodes.step(action)[:, 0].tolist()
+        self._screen.follow(self.data)
         failed, over = episodes.worlds.warned[0], episodes.samples[0] >= last
         ends = bool(failed), bool(over)
         return episodes.observation()[0], terms[REWARD], *ends, self._info(terms)
@@ -271,13 +273,14 @@ class DeviceEnv(
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image of the device, (height, width, 3), in mode `rgb_array`.
 
-        It is drawn 30 times per simulated second; in between the last is returned.
+        It is drawn 30 times per simulated second; in between the last is returned. In
+        mode `human` the window shows every reset and step, and this returns None.
         """
         drawn = self._screen.render([self.data.qpos], self._episodes.samples)
         return None if drawn is None else drawn[0]
 
     def close(self) -> None:
-        """Free the renderer."""
+        """Free the renderer, and close the window."""
         self._screen.close()
 
 

@@ -28,11 +28,13 @@ from cc_mujoco.simulation._worn_device import DrivenEnvironment, TaskChoice
 
 from ._info import LazyInfo
 from ._registration import BACKENDS
-from ._render import RENDER_METADATA, SceneRenderer, check_mode
+from ._render import SceneRenderer, check_mode
 
 Singles = NDArray[np.float32]
 
-VECTOR_METADATA = {**RENDER_METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+VECTOR_METADATA: dict[str, Any] = {
+    "render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP,
+}  # fmt: skip
 """Metadata by Gymnasium's names, before an environment is made."""
 
 
@@ -117,7 +119,7 @@ class DeviceVectorEnv(
                 f"threads are of backend={BACKENDS[0]!r}; leave them out with "
                 f"backend={backend!r}."
             )
-        check_mode(render_mode)
+        check_mode(render_mode, self.metadata)
         found = find_device(device)
         model = load(found, drawn=render_mode is not None)
         self.device: Device = found

@@ -98,7 +98,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     | `adaptation` | 1 | fraction of the expected torque that the person leaves out |
     | `policy` | ships | a `WalkingPolicy` or its file |
     | `duration` | 20 | length of an episode [s] |
-    | `render_mode` | `None` | `None` or `"rgb_array"` |
+    | `render_mode` | `None` | as of `DeviceEnv` |
     """
 
     metadata = RENDER_METADATA
@@ -115,7 +115,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         """Load the scene; see the class for the arguments."""
         given = transmission, cable, adaptation, policy, duration, render_mode
         EzPickle.__init__(self, *given)
-        check_mode(render_mode)
+        check_mode(render_mode, self.metadata)
         look_up("transmission", transmission, TRANSMISSIONS)
         if not isinstance(cable, Cable):
             raise CableError(f"cable must be a Cable, not {cable!r}.")
@@ -193,6 +193,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             raise CableError(f"a walking person takes no options, not {options!r}.")
         super().reset(seed=seed)
         self._begin(float(self.np_random.uniform(0.1, 0.4)))
+        self._screen.follow(self.data)
         return self._observation(), self._info(0.0, 0.0, 0.0)
 
     def step(
@@ -227,6 +228,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             work = np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
             energy += period * walking_body.metabolic_energy(*work)
         self._expected.observe(phase, self._help()[None])
+        self._screen.follow(data)
         self._sample += 1
         fallen = body.has_fallen(data) or bool(data.warning.number.any())
         effort = -0.05 * MUSCLE_PERIOD * float(np.mean(given**2))
@@ -280,7 +282,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         return None if drawn is None else drawn[0]
 
     def close(self) -> None:
-        """Free the renderer."""
+        """Free the renderer, and close the window."""
         self._screen.close()
 
 

@@ -40,44 +40,55 @@ class Frame(NamedTuple):
     texts: tuple[Rows, Rows]  # at the top left and at the bottom left
 
 
-def require_screen(what: str = "--live") -> None:
-    """Raise `CableError` if a `Screen`, which `what` needs, cannot be opened."""
+_WORKS = threading.Event()  # set when a window could be opened
+INSTEAD = "--video and --html of `cc-mujoco play` need"
+
+
+def require_screen(what: str = "--live", instead: str = INSTEAD) -> None:
+    """Raise `CableError` if a `Screen`, which `what` needs, cannot be opened.
+
+    `instead` ends the message: options that need none.
+    """
     displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
     if sys.platform == "linux" and not any(displays):
         raise CableError(
             f"{what} needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
-            "--video and --html of `cc-mujoco play` need none."
+            f"{instead} none."
         )
-    viewer = _viewer(what)
+    viewer = _viewer(what, instead)
     if sys.platform == "darwin":
         if viewer._MJPYTHON is None:
             raise CableError(
                 f"on macOS {what} needs mjpython, which comes with MuJoCo: "
-                "`mjpython -m cc_mujoco.cli` in place of `cc-mujoco`."
+                "`mjpython -m cc_mujoco.cli` in place of `cc-mujoco`, `mjpython` in "
+                "place of `python`."
             )
         return
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        works = _opens_window()
-    if not works:
+        # Once only: the end of GLFW after a try ends every window of the process.
+        works = _WORKS.is_set() or _opens_window()
+    if works:
+        _WORKS.set()
+    else:
         reason = " ".join(str(warning.message) for warning in caught)
-        raise _no_screen_error(reason, what)
+        raise _no_screen_error(reason, what, instead)
 
 
-def _viewer(what: str = "--live") -> Any:
+def _viewer(what: str = "--live", instead: str = INSTEAD) -> Any:
     try:
         import mujoco.viewer as viewer
     except Exception as error:  # without GLFW or its library; the type varies
-        raise _no_screen_error(str(error), what) from None
+        raise _no_screen_error(str(error), what, instead) from None
     return viewer
 
 
-def _no_screen_error(reason: str, what: str) -> CableError:
+def _no_screen_error(reason: str, what: str, instead: str) -> CableError:
     plain = re.sub(r"\(\d+\) b['\"](.*?)['\"]", r"\1", reason)  # GLFW's wording
     text = " ".join(plain.split()).rstrip(".") or "no reason given"
     return CableError(
         f"{what} needs a screen with OpenGL by GLFW, and what is here does not work "
-        f"({text}); --video and --html of `cc-mujoco play` need none."
+        f"({text}); {instead} none."
     )
 
 
@@ -131,6 +142,9 @@ class Screen:
             camera, (position, target) = self._viewer.cam, viewpoint(shown)
             forward = target - position
             camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+            if shown.ncam and shown.cam_mode[0] == mujoco.mjtCamLight.mjCAMLIGHT_TRACK:
+                camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+                camera.trackbodyid = shown.cam_bodyid[0]
             camera.lookat[:] = target
             camera.distance = float(np.linalg.norm(forward))
             camera.azimuth = np.degrees(np.arctan2(forward[1], forward[0]))

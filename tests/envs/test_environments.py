@@ -631,7 +631,7 @@ def test_an_action_of_another_shape_or_kind_is_one_sentence(
         ("frame_skip", 1.5, "frame_skip must be"),
         ("frame_skip", True, "frame_skip must be"),
         ("wearer", "strong", "wearer must be"),
-        ("render_mode", "human", "rgb_array"),
+        ("render_mode", "ansi", "human, rgb_array"),
         ("model", "x", "model must be a mujoco.MjModel, not 'x'"),
     ],
 )

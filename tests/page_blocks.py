@@ -37,6 +37,7 @@ ROOT = Path(__file__).parents[1]
 MADE = {"build", "dist", "runs"}
 KINDS = ("sh", "python", "xml", "toml", "c", "text")
 NEEDS = (
+    "CleanRL",
     "a network",
     "a rig",
     "a screen",

@@ -83,24 +83,33 @@ class Network:
     ) -> "Network":
         """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
 
-        They are `Linear`, with one kind of activation between them; see the class for
-        the other arguments.
+        They are `Linear`, with one kind of activation between them. A `Tanh` after the
+        last squashes the outputs; see the class for the other arguments.
 
         Raises:
-            CableError: If activations differ or are not in `ACTIVATIONS`.
+            CableError: If the layers are others, or an activation is not in
+                `ACTIVATIONS`.
         """
         each = list(layers)
-        linear = [layer for layer in each if hasattr(layer, "weight")]
-        kinds = {type(layer).__name__.lower() for layer in each} - {"linear"}
-        if len(kinds) > 1:
+        kinds = [type(layer).__name__.lower() for layer in each]
+        if kinds[-1:] == ["tanh"]:
+            kinds, squashed = kinds[:-1], True
+        between = kinds[1::2]
+        alternate = len(kinds) % 2 == 1 and set(kinds[::2]) == {"linear"}
+        if not alternate or len(set(between)) > 1:
             raise CableError(
-                f"a policy has one activation, not {', '.join(sorted(kinds))}."
+                "a policy is Linear layers with one kind of activation between them, "
+                f"not {', '.join(type(layer).__name__ for layer in each) or 'nothing'}."
             )
-        weights, biases = (
-            tuple(getattr(one, name).detach().cpu().double().numpy() for one in linear)
-            for name in ("weight", "bias")
+        if any(getattr(layer, "alpha", 1.0) != 1.0 for layer in each):
+            raise CableError("the activation ELU of a policy must have alpha = 1.")
+        linear = each[: len(kinds) : 2]
+        weights = tuple(_numbers(layer.weight) for layer in linear)
+        biases = tuple(
+            np.zeros(layer.out_features) if layer.bias is None else _numbers(layer.bias)
+            for layer in linear
         )
-        kind = kinds.pop() if kinds else "identity"
+        kind = between[0] if between else "identity"
         return cls(weights, biases, kind, squashed, mean, deviation, far)
 
     @property
@@ -139,6 +148,11 @@ class Network:
         work = np.empty((2, int(net.sizes[WIDTHS:].max())))
         _all_shares(net, rows, work, shares)
         return shares if np.ndim(observation) == 2 else shares[0]
+
+
+def _numbers(tensor: Any) -> Array:
+    numbers: Array = tensor.detach().cpu().double().numpy()
+    return numbers
 
 
 @internal

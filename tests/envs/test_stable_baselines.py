@@ -32,6 +32,12 @@ def made(count: int = 4, **given: Any) -> Any:
     return gymnasium.make_vec(WRIST, count, **about)
 
 
+def acts(model: Any, seen: Any) -> Any:
+    """Return the action of a model at its mean."""
+    given, _ = model.predict(seen.astype(np.float32), deterministic=True)
+    return np.clip(given, -1.0, 1.0)
+
+
 def test_it_steps_as_the_vector_environment_and_says_what_ended() -> None:
     parts = made(2), made(3, task="transparent")
     plain = made(2), made(3, task="transparent")
@@ -80,9 +86,12 @@ def test_what_any_algorithm_learns_is_played_as_it_predicts(
     assert observed == made().exo.observed
     random = np.random.default_rng(0)
     for seen in random.normal(0.0, 2.0, (10, network.mean.size)):
-        shown = env.normalize_obs(seen) if normalised else seen  # type: ignore[attr-defined]
-        given, _ = model.predict(shown.astype(np.float32), deterministic=True)
-        assert network(seen) == pytest.approx(given, abs=1e-4)
+        shown = seen
+        if normalised:
+            moments = env.obs_rms  # type: ignore[attr-defined]
+            shown = (seen - moments.mean) / np.sqrt(moments.var + 1e-8)
+            shown = np.clip(shown, -2.0, 2.0)
+        assert network(seen) == pytest.approx(acts(model, shown), abs=1e-6)
     drive = gymnasium.make(WRIST, duration=0.02).unwrapped.drive  # type: ignore[attr-defined]
     controller(str(path), drive)
 
@@ -115,15 +124,34 @@ def test_a_policy_of_a_plain_environment_is_saved(tmp_path: Path) -> None:
     save_policy(model, path)
     _, observed = read_policy(path)
     assert observed == env.unwrapped.exo.observed
-    for wrapper in (
-        gymnasium.wrappers.NormalizeObservation,
-        lambda env: gymnasium.wrappers.RescaleAction(
-            env, np.float32(-2.0), np.float32(2.0)
-        ),
-    ):
-        other = algorithms.PPO("MlpPolicy", wrapper(env), n_steps=64, device="cpu")
-        with pytest.raises(CableError, match="cannot save through"):
-            save_policy(other, path)
+    rescaled = gymnasium.wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0))
+    other = algorithms.PPO("MlpPolicy", rescaled, n_steps=64, device="cpu")
+    with pytest.raises(CableError, match="cannot save through"):
+        save_policy(other, path)
+
+
+def test_a_normalisation_of_gymnasium_is_saved_once(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    env = gymnasium.wrappers.NormalizeObservation(
+        gymnasium.make(WRIST, duration=0.02, **PAST)
+    )
+    model = algorithms.PPO("MlpPolicy", env, n_steps=64, device="cpu")
+    model.learn(64)
+    save_policy(model, path)
+    network, _ = read_policy(path)
+    moments = env.obs_rms
+    seen = np.random.default_rng(0).normal(size=network.mean.size)
+    normal = (seen - moments.mean) / np.sqrt(moments.var + env.epsilon)
+    assert network(seen) == pytest.approx(acts(model, normal), abs=1e-6)
+    again = tmp_path / "again.safetensors"
+    model.save(tmp_path / "model.zip")
+    loaded = algorithms.PPO.load(tmp_path / "model.zip", device="cpu")
+    save_policy(loaded, again, env)
+    assert again.read_bytes() == path.read_bytes()
+    twice = VecNormalize(model.get_env())
+    model = algorithms.PPO("MlpPolicy", twice, n_steps=64, device="cpu")
+    with pytest.raises(CableError, match="two normalisations"):
+        save_policy(model, path)
 
 
 def test_a_policy_of_two_motors_is_played_as_it_predicts(tmp_path: Path) -> None:
@@ -137,8 +165,7 @@ def test_a_policy_of_two_motors_is_played_as_it_predicts(tmp_path: Path) -> None
     network, observed = read_policy(path)
     assert network.motors == len(observed) == 2
     seen = np.random.default_rng(0).normal(size=network.mean.size)
-    given, _ = model.predict(seen.astype(np.float32), deterministic=True)
-    assert network(seen) == pytest.approx(np.clip(given, -1.0, 1.0), abs=1e-4)
+    assert network(seen) == pytest.approx(acts(model, seen), abs=1e-6)
 
 
 def test_what_cannot_be_trained_or_saved_is_one_sentence(tmp_path: Path) -> None:

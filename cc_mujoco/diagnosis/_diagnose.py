@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cc_mujoco.assets import SCENES
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import errors, statements
@@ -202,7 +204,7 @@ def run_inference(
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
-    found, events = _search_without_events(dataset, bench, settings, progress)
+    found, events = _search_thinned(dataset, bench, settings, progress)
     if isinstance(found, Diagnosis):
         return DiagnosisResult(found, bench)
     evidence = evidence_of(found)
@@ -218,6 +220,20 @@ def run_inference(
     known = Baseline(values, open_ones)
     diagnosis = replace(diagnosis, baseline=known, events=happened)
     return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
+
+
+def _search_thinned(
+    dataset: Dataset, bench: Bench, settings: Options, progress: Progress
+) -> tuple[Found | Diagnosis, list[Event]]:
+    """Search with long trials thinned, or with all samples if the model needs them."""
+    if any(np.ptp(trial.time) > Limit.long_trial for trial in dataset.trials):
+        quick = replace(settings, thinned=True)
+        found, events = _search_without_events(dataset, bench, quick, progress)
+        if isinstance(found, Diagnosis) or found.fitted.resolves(
+            found.problem, found.x
+        ):
+            return found, events
+    return _search_without_events(dataset, bench, settings, progress)
 
 
 def _search_without_events(

@@ -39,6 +39,9 @@ class Limit:
     rest_angle_deviation = 0.01  # of a spring, unless it is declared [rad]
     max_motion_band = 60.0  # Highest frequency of the angles that are played [Hz]
     min_kept_rate = 250.0  # Least samples per second kept
+    # Trials beyond it keep two samples per period of the band where models are so far
+    # off that it makes no difference [s]
+    long_trial = 12.0
     ramp_samples = 20  # Samples of either part of a lead-in, see `records.with_lead_in`
     run_in_travel = 3.0  # Travel before samples count, over that which winds up
     still_sigmas = 3.0  # Movement that counts as none, in deviations of angle noise

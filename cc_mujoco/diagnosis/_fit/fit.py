@@ -50,7 +50,7 @@ class Start(NamedTuple):
 
 
 def prepare_start(
-    dataset: Dataset, bench: Bench
+    dataset: Dataset, bench: Bench, thinned: bool = False
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
     """Return the start of the fit, and the records and filters prepared for it.
 
@@ -58,11 +58,11 @@ def prepare_start(
     Estimates by which the motor would no longer move the whole cable imitate something
     that the scene lacks, and are discarded.
     """
-    records, filtering = prepare(dataset, bench)
+    records, filtering = prepare(dataset, bench, thinned)
     start = _estimate_start(dataset, bench, records)
     if start.bench is bench:
         return start, records, filtering
-    again = prepare(dataset, start.bench)
+    again = prepare(dataset, start.bench, thinned)
     least = Limit.min_counted_samples
     if start.given and _count(again[0]) < least <= _count(records):
         return Start(bench), records, filtering
@@ -155,14 +155,14 @@ def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Lin
         row[:, 0], row[:, 2 + place] = lead, 1.0
         row[:, 1] = np.gradient(along, record.dt)  # clocks that differ
         rows.append(row[used])
-        tensions.append(_mean_tension(dataset, bench, record)[used])
+        tensions.append(mean_tension(dataset, bench, record)[used])
     table, tension = np.concatenate(rows), np.concatenate(tensions)
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     slope, _, *starts = np.linalg.lstsq(table / size, tension)[0] / size
     return _Line(float(slope), float(np.median(starts)), float(np.std(tension)))
 
 
-def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
+def mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     """Return agonist less antagonist tension by the measured torques (samples,) [N]."""
     shown = dict(zip(dataset.instruments.rows, record.measured, strict=True))
     ends = [shown[0] / bench.motor_radius] if 0 in shown else []
@@ -285,6 +285,7 @@ class Options:
     ids: Sequence[str] | None = None
     requested: Sequence[str] = ()  # effects that the user requested, rare ones included
     seed: int = 0  # seed of bootstraps and noise draws
+    thinned: bool = False  # whether long trials are thinned, see `records.prepare`
 
 
 @dataclass(frozen=True)
@@ -299,6 +300,29 @@ class BaselineFit:
     notes: tuple[str, ...] = ()  # on requested effects that the data cannot show
     # Mean temperature of trials by name, where it is known [degC]
     temperatures: Mapping[str, float] = field(default_factory=dict)
+    whole_records: tuple[Record, ...] = ()  # with all samples, where some are thinned
+
+    def resolves(self, problem: Problem, x: FloatArray) -> bool:
+        """Return whether thinning is harmless to a model of its records at `x`.
+
+        It is as a coarse simulation is, by the change of the torques.
+        """
+        if not self.whole_records:
+            return True
+        pairs = list(zip(problem.plant.records, self.whole_records, strict=True))
+        fine = replace(problem.plant, records=self.whole_records)
+        there = fine.simulate(problem.values(x), problem.effects)
+        here, counts = problem.torques(x), [record.counts for record, _ in pairs]
+        changes = [
+            fitting.huber_residual((own - other[:, :: round(r.dt / w.dt)]) / floor)
+            for own, other, floor, (r, w) in zip(
+                here, there, problem.floor, pairs, strict=True
+            )
+        ]
+        sizes = changes, problem.errors(x)
+        kept = (fitting.kept_samples(each, counts) for each in sizes)
+        change, left = (float(np.sqrt(np.mean(each**2))) for each in kept)
+        return change <= Limit.max_numerical_share * left
 
 
 def plant_of(
@@ -361,12 +385,25 @@ def fit_baseline(
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: words.Progress
 ) -> BaselineFit | Diagnosis:
-    """Return the fitted baseline, or a diagnosis if the data or numerics forbid one."""
+    """Return the fitted baseline, or a diagnosis if the data or numerics forbid one.
 
+    Long trials are thinned if `settings` request it and it is harmless.
+    """
+    found = _fit_records(dataset, bench, settings, progress)
+    if not settings.thinned:
+        return found
+    if isinstance(found, Diagnosis) or not found.resolves(found.problem, found.whole.x):
+        return _fit_records(dataset, bench, replace(settings, thinned=False), progress)
+    return found
+
+
+def _fit_records(
+    dataset: Dataset, bench: Bench, settings: Options, progress: words.Progress
+) -> BaselineFit | Diagnosis:
     def refused(statement: str, verdict: Verdict = "fix-data") -> Diagnosis:
         return Diagnosis(verdict, statement, problems=(statement,))
 
-    start, records, filtering = prepare_start(dataset, bench)
+    start, records, filtering = prepare_start(dataset, bench, settings.thinned)
     if useless := _excitation_problem(records):
         return refused(useless)
     plant = plant_of(dataset, start.bench, records, start.given)
@@ -396,7 +433,14 @@ def fit_scene(
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
-    return replace(found, settings=settings, notes=notes, temperatures=temperatures)
+    whole = prepare(dataset, start.bench)[0] if settings.thinned else ()
+    return replace(
+        found,
+        settings=settings,
+        notes=notes,
+        temperatures=temperatures,
+        whole_records=whole,
+    )
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:

@@ -222,8 +222,13 @@ class Filtering:
     load: float = 0.0  # noise of a known load's torque by that of the angle [N m]
 
 
-def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
-    """Return the records of a dataset, in order, and the filters applied to them."""
+def prepare(
+    dataset: Dataset, bench: Bench, thinned: bool = False
+) -> tuple[tuple[Record, ...], Filtering]:
+    """Return the records of a dataset, in order, and the filters applied to them.
+
+    If `thinned`, long trials keep only as many samples as torques of the band need.
+    """
     first, slowest = dataset.trials[0], min(trial.rate for trial in dataset.trials)
     bands = compared_band(slowest), min(Limit.max_motion_band, 0.4 * slowest)
     impulse = np.zeros(4001)
@@ -244,7 +249,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= Limit.min_record_samples:
-                record = _record(trial, part, dataset, bench, filtering)
+                record = _record(trial, part, dataset, bench, filtering, thinned)
                 records.append(replace(record, conditions=conditions[trial.name]))
     return tuple(records), filtering
 
@@ -267,11 +272,14 @@ def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
 
 
 def _record(
-    trial: Trial, part: slice, dataset: Dataset, bench: Bench, filtering: Filtering
-) -> Record:
+    trial: Trial, part: slice, dataset: Dataset, bench: Bench, filtering: Filtering,
+    thinned: bool,
+) -> Record:  # fmt: skip
     noise, known, facts = dataset.noise, dataset.instruments, trial.facts
     tilt = facts.tilt or 0.0
     thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
+    if thinned and (part.stop - part.start) * trial.step > Limit.long_trial:
+        thin *= max(1, int(trial.rate / (2.0 * filtering.band * thin) + 1e-9))
     played = (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
     seen = ((trial.channel(name)[part], noise.get(name)) for name in played)
     angles = np.array([reconstruct_angle(values, own) for values, own in seen])

@@ -182,9 +182,10 @@ class _Additions:
                 step = screening.decide(now, candidates, signatures)
                 rounds.append(step)
                 new = [c for c in candidates if c.crossed is not now]
-                for candidate in new:  # derivatives take more room than the data
-                    if candidate.id not in step.rivals:
-                        candidate.crossed.problem.slopes.forget()
+                # Derivatives take more room than the data; parts of the data start
+                # from those of accepted effects.
+                for candidate in filter(lambda each: each.reason, new):
+                    candidate.crossed.problem.slopes.forget()
                 known += [candidate.crossed for candidate in new]
                 if step.added is None:
                     break

@@ -14,7 +14,10 @@ ROOT = Path(__file__).resolve().parents[1]
 LINK = re.compile(r'(href|src)="([^"#]*)(#[^"]*)?"')
 LEFT_OUT = {"build", "dist", "runs"}
 STYLE = (ROOT / "scripts" / "site.css").read_text(encoding="utf-8")
-EXTRAS = ["fenced-code-blocks", "tables", "header-ids", "cuddled-lists", "footnotes"]
+EXTRAS = [
+    "fenced-code-blocks", "tables", "header-ids", "cuddled-lists", "footnotes",
+    "code-friendly",
+]  # fmt: skip
 
 
 def pages() -> list[Path]:
@@ -42,15 +45,17 @@ def rendered(path: Path) -> str:
     if path.suffix == ".py":
         text = f"# {path.name}\n\n```python\n{text}```\n"
     body = str(markdown2.markdown(text, extras=EXTRAS))
-    # A path may be wider than a narrow screen: it breaks behind its slashes.
-    body = re.sub(
-        r"<code>([^<>\n]+)</code>",
-        lambda code: f"<code>{code[1].replace('/', '/<wbr>')}</code>",
-        body,
-    )
+    body = re.sub(r"(?<!<pre>)(?<!</span>)<code>([^<>]+)</code>", _breaking, body)
     return body.replace("<table>", '<div class="wide"><table>').replace(
         "</table>", "</table></div>"
     )
+
+
+def _breaking(code: re.Match[str]) -> str:
+    """Return code in a line that breaks behind slashes, and in no option's dashes."""
+    text = code[1].replace("/", "/<wbr>")
+    text = re.sub(r"(?<!\S)--[\w-]+", r'<span class="option">\g<0></span>', text)
+    return f"<code>{text}</code>"
 
 
 def write_site(out: Path) -> None:
@@ -67,6 +72,7 @@ def write_site(out: Path) -> None:
             f"<title>{title}</title>"
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             f'<style>{STYLE}</style><body><nav><a href="{up}/index.html">cc_mujoco</a> '
+            f'<a href="{up}/pages/envs/README.md.html#gallery">Gallery</a> '
             f'<a href="{up}/cc_mujoco.html">Public names</a></nav>'
             f"<main>{_linked(body, path, out, place, sources)}</main></body></html>",
             encoding="utf-8",

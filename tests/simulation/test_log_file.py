@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -104,8 +105,11 @@ def test_memory_does_not_grow_with_the_duration(tmp_path: Path) -> None:
             most = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
-        assert pa.total_allocated_bytes() - before < 1e6
-        return most
+        for _ in range(500):  # threads of Arrow release it a little later
+            if pa.total_allocated_bytes() - before < 1e6:
+                return most
+            time.sleep(0.01)
+        raise AssertionError("Arrow keeps memory")
 
     def used(pieces: int) -> tuple[int, int]:
         path = tmp_path / f"{pieces}.parquet"

@@ -43,6 +43,11 @@ def test_links_and_pictures_of_the_site_are_there(site: Path) -> None:
                 assert (page.parent / target).exists(), (page, target)
 
 
+def test_no_row_of_a_table_stands_outside_it(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        assert not re.search(r"<p>\|", page.read_text("utf-8")), page
+
+
 def test_equations_are_drawn_without_a_network(site: Path) -> None:
     text = reference.equations(r"a \(T_p\) and \[ \frac{W}{W + D} > 0 \]")
     assert "<msub><mi>T</mi><mi>p</mi></msub>" in text and "<mfrac>" in text

@@ -2,7 +2,7 @@
 
     python scripts/figures/demo_film.py cc_mujoco/control/controllers.webp
     python scripts/figures/demo_film.py --gallery envs
-    python scripts/figures/demo_film.py --scene knee.xml --axis knee knee.webp
+    python scripts/figures/demo_film.py --scene ankle --controllers none,pi,lqg a.webp
 
 The first is the demo: one motion of the wrist handle with three controllers. --gallery
 writes a film of every built-in device, each with a controller of `GALLERY`, into a
@@ -201,17 +201,19 @@ def main() -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--gallery", action="store_true", help="every built-in device")
     what.add_argument("--scene", help="name or file of a device")
-    parser.add_argument("--controllers", nargs="+", default=["predictive"], help="1, 3")
+    parser.add_argument("--controllers", default="predictive", help="one, or A,B,C")
     parser.add_argument("--axis", help="name of the axis that the plots show")
     options = parser.parse_args()
-    if len(options.controllers) not in LAYOUTS:
-        parser.error("--controllers takes one controller or three.")
+    laws = options.controllers.split(",")
+    if len(set(laws)) not in LAYOUTS:
+        parser.error(
+            "--controllers takes one name or three different ones: none,pi,lqg."
+        )
     try:
         if options.gallery:
             for name, (law, *shown) in GALLERY.items():
                 write(options.out / f"film-{name}.webp", takes_of(name, [law], *shown))
         elif options.scene:
-            laws = options.controllers
             write(options.out, takes_of(options.scene, laws, options.axis))
         else:
             demo = {law: Take(*episode(law, DURATION)) for law in LAWS}

@@ -23,8 +23,8 @@ from cc_mujoco._utils.atomic_io import (
     require_ours,
     require_own_file,
     require_unmodified,
-    write_manifest,
 )
+from cc_mujoco._utils.provenance import write_manifest
 from cc_mujoco.errors import CableError
 from cc_mujoco.report import figure, save
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from cc_mujoco.errors import CableError
 
 METADATA_KEY = b"cc_mujoco"  # key of the metadata that mark a Parquet file as ours
-MANIFEST = ".written"  # checksums of a folder's files, see `write_manifest`
+MANIFEST = ".written"  # checksums of a folder's files, see `provenance.write_manifest`
 
 
 def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
@@ -59,14 +59,6 @@ def checksum_line(path: Path) -> str:
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
     return f"{path.name} as written: {digest.hexdigest()}"
-
-
-def write_manifest(folder: Path, names: Iterable[str]) -> None:
-    """Write the checksums of a folder's files `names` into its `MANIFEST`."""
-    there = [folder / name for name in names if (folder / name).is_file()]
-    manifest = "".join(f"{checksum_line(path)}\n" for path in there)
-    with replacing(folder / MANIFEST) as partial:
-        partial.write_text(manifest, encoding="utf-8")
 
 
 def require_unmodified(

@@ -22,6 +22,8 @@ import importlib
 import importlib.util
 import json
 import os
+import platform
+import shlex
 import site
 import sys
 import sysconfig
@@ -31,12 +33,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cc_mujoco._utils.atomic_io import METADATA_KEY
+from cc_mujoco._utils.atomic_io import (
+    MANIFEST,
+    METADATA_KEY,
+    checksum_line,
+    replacing,
+)
 from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.tables import is_table, split_selection
 from cc_mujoco.errors import CableError
 
 POLICY_ENDING = ".safetensors"  # ending of a policy's file
+RECORD = "made by: "  # begins the line of a manifest on the run that wrote it
 DECLARED = "CC_MUJOCO_FILES"  # in a user's module: paths of the files that it reads
 
 
@@ -110,6 +118,23 @@ def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:
                 versions_text = f" ({one}, now {other})" if kind == "versions" else ""
                 found.append(name + versions_text)
     return found
+
+
+def command_line() -> str:
+    """Return the command of this process; one of the package by its short name."""
+    program = Path(sys.argv[0])
+    own = program.stem in ("cc-mujoco", "__main__")
+    return shlex.join(["cc-mujoco" if own else program.name, *sys.argv[1:]])
+
+
+def write_manifest(folder: Path, names: Iterable[str]) -> None:
+    """Write how a folder's files `names` are made, and their checksums (`MANIFEST`)."""
+    made = {"command": command_line(), "python": platform.python_version()}
+    lines = [RECORD + json.dumps({**made, "versions": versions()})]
+    there = [folder / name for name in names if (folder / name).is_file()]
+    lines += map(checksum_line, there)
+    with replacing(folder / MANIFEST) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def with_provenance(table: Any, about: Mapping[str, Any]) -> Any:

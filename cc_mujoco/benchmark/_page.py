@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
-from cc_mujoco._utils.provenance import versions
+from cc_mujoco._utils.atomic_io import MANIFEST, replacing
+from cc_mujoco._utils.provenance import versions, write_manifest
 from cc_mujoco.benchmark import _report as text
 from cc_mujoco.benchmark import _results as stored
 from cc_mujoco.benchmark import _runner as runner

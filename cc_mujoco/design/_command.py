@@ -40,6 +40,7 @@ class WhatIf:
             plan, folder = self._plan()
         from tqdm import tqdm
 
+        from cc_mujoco._utils.provenance import command_line
         from cc_mujoco.design import _report_text as text
         from cc_mujoco.design import carry_out
         from cc_mujoco.design._evaluation import beyond_motor
@@ -70,8 +71,7 @@ class WhatIf:
                 table = carry_out(plan, folder, self.execution, progress, tqdm.write)
             else:
                 plan, table = search(plan, folder, self.execution, progress, tqdm.write)
-        command = shlex.join(["cc-mujoco", *sys.argv[1:]])
-        command = f"cd {shlex.quote(os.getcwd())} && {command}"
+        command = f"cd {shlex.quote(os.getcwd())} && {command_line()}"
         run = partial(carry_out, execution=replace(self.execution, again=False))
         nearby = None
         if self.around:

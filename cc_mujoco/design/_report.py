@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cc_mujoco._utils import provenance
-from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
+from cc_mujoco._utils.atomic_io import MANIFEST, replacing
 from cc_mujoco.design import _report_text as report_text
 from cc_mujoco.design._follow_up import Around
 from cc_mujoco.design._pareto import column
@@ -85,7 +85,7 @@ def write_report(
     for name in REPORT_FILES:  # of an earlier look at the table, by other objectives
         if name not in files:
             (folder / name).unlink(missing_ok=True)
-    write_manifest(folder, REPORT_FILES)
+    provenance.write_manifest(folder, REPORT_FILES)
     return tuple(folder / name for name in files)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -90,6 +89,7 @@ class Diagnose:
 
         from tqdm import tqdm
 
+        from cc_mujoco._utils.provenance import command_line
         from cc_mujoco.diagnosis._diagnose import diagnose
 
         with tqdm(
@@ -114,7 +114,7 @@ class Diagnose:
                 self.out,
                 axis=axis,
                 dataset_toml=dataset,
-                command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
+                command=command_line(),
                 seed=self.seed,
                 effects=effects,
                 progress=show_progress,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.provenance import write_manifest
 from cc_mujoco.cable._layout import STATE_HEADER, state_size
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
@@ -301,4 +302,4 @@ def write(
     with atomic_io.replacing_folder(folder) as partial:
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
-        atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])
+        write_manifest(partial, [path.name for path in partial.iterdir()])

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 
 from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.provenance import write_manifest
 from cc_mujoco.metrics import METRICS, Metric, expand_cable_metrics, measure_axes
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
@@ -105,7 +106,7 @@ def write_episode(
             write_page(partial / PAGE_FILE, log, model, found)
         for note in line_notes(model, log.cables):
             say(note)
-        atomic_io.write_manifest(partial, [path.name for path in partial.iterdir()])
+        write_manifest(partial, [path.name for path in partial.iterdir()])
     for name, written in ((VIDEO_FILE, video), (PAGE_FILE, html)):
         old = Path(folder, name)
         if not written and old.exists():

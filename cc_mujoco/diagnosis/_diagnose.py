@@ -23,6 +23,7 @@ from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._events import find_events, leave_out, sized
+from cc_mujoco.diagnosis._fit.dead_zone import dead_zones, describe_dead_zones
 from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
@@ -217,8 +218,15 @@ def run_inference(
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, found.fitted.whole.x, counts)
     happened = tuple(sized(event, found.estimated) for event in events)
-    known = Baseline(values, open_ones)
-    diagnosis = replace(diagnosis, baseline=known, events=happened)
+    records = found.fitted.whole_records or found.problem.plant.records
+    zones = dead_zones(dataset, bench, records)
+    diagnosis = replace(
+        diagnosis,
+        baseline=Baseline(values, open_ones),
+        events=happened,
+        statement=diagnosis.statement + describe_dead_zones(zones, len(dataset.trials)),
+        problems=(*diagnosis.problems, *(zone.statement for zone in zones)),
+    )
     return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
 
 

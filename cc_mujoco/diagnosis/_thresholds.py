@@ -39,9 +39,11 @@ class Limit:
     rest_angle_deviation = 0.01  # of a spring, unless it is declared [rad]
     max_motion_band = 60.0  # Highest frequency of the angles that are played [Hz]
     min_kept_rate = 250.0  # Least samples per second kept
-    # Trials beyond it keep two samples per period of the band where models are so far
-    # off that it makes no difference [s]
+    # Trials beyond it keep two samples per period of the band, or what their motion
+    # needs, where models are so far off that it makes no difference [s]
     long_trial = 12.0
+    # RMS distance of an angle from lines between these samples, over the largest range
+    max_missed_motion = 1e-3
     ramp_samples = 20  # Samples of either part of a lead-in, see `records.with_lead_in`
     run_in_travel = 3.0  # Travel before samples count, over that which winds up
     still_sigmas = 3.0  # Movement that counts as none, in deviations of angle noise
@@ -342,6 +344,13 @@ class Limit:
     # Range of motion, over a first estimate of the play, from which samples count:
     # before, where the joint lies within its play is not known
     range_over_play = 3.0
+
+    # Dead zone of the pull. Travel over two steps of the pull over the usual one, in
+    # nine passages of ten: 2.4 at most without one, 3.4 at least on a brake with one
+    passage = 0.15, 0.85  # of the range of the pull
+    passage_levels = 15  # of the pull in that range
+    min_passages = 3  # from one side to the other
+    dead_zone_ratio = 3.0
 
     # Report.
     max_excerpt = 6.0  # Length of an excerpt, if the trial is as long [s]

@@ -278,12 +278,13 @@ def _record(
     noise, known, facts = dataset.noise, dataset.instruments, trial.facts
     tilt = facts.tilt or 0.0
     thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
-    if thinned and (part.stop - part.start) * trial.step > Limit.long_trial:
-        thin *= max(1, int(trial.rate / (2.0 * filtering.band * thin) + 1e-9))
     played = (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
     seen = ((trial.channel(name)[part], noise.get(name)) for name in played)
     angles = np.array([reconstruct_angle(values, own) for values, own in seen])
     passed = low_pass(angles, filtering.motion_band, trial.rate)
+    if thinned and (part.stop - part.start) * trial.step > Limit.long_trial:
+        most = int(trial.rate / (2.0 * filtering.band) + 1e-9)
+        thin = _largest_step(passed, range(thin, most + 1, thin)) or thin
     torques = np.array(
         [
             load_torque(passed[1], trial.step, load_values(dataset.constants), tilt)
@@ -342,6 +343,17 @@ def _record(
         path=bench.recorded_path(smooth[1], smooth[2:], Limit.ramp_samples),
         columns={name: values[part][::thin] for name, values in trial.columns.items()},
     )
+
+
+def _largest_step(angles: FloatArray, steps: Sequence[int]) -> int:
+    """Return the largest step between samples whose lines follow all angles, or 0."""
+    place = np.arange(angles.shape[1])
+    largest = Limit.max_missed_motion * np.ptp(angles, axis=1).max()
+    for step in reversed(steps):
+        drawn = [np.interp(place, place[::step], angle[::step]) for angle in angles]
+        if np.sqrt(np.mean((angles - drawn) ** 2, axis=1)).max() <= largest:
+            return step
+    return 0
 
 
 def play_filter(angle: FloatArray, width: float) -> FloatArray:

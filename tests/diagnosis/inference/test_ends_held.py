@@ -95,3 +95,4 @@ def test_drag_under_held_ends_is_named(tmp_path: Path) -> None:
     (drag,) = found.effects[0].parameters.values()
     assert drag.value == pytest.approx(10.0, rel=0.05)
     assert "ends held" in found.instruments
+    assert "dead zone" not in found.statement

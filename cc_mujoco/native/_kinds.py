@@ -138,6 +138,8 @@ def kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, typing.Hashable) and annotation in NUMBERS:
         return NUMBERS[annotation]
     origin, given = typing.get_origin(annotation), typing.get_args(annotation)
+    if hasattr(origin, "__value__"):  # as `NDArray` from NumPy 2.5 on
+        return kind_of(Annotated[origin.__value__[given], dims])
     if origin is np.ndarray:
         element = typing.get_args(given[1])[0]
         if element in NUMBERS:

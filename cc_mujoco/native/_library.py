@@ -375,7 +375,7 @@ def write_source(path: Path) -> None:
     code = "import sys; from cc_mujoco.native._library import write; write(sys.argv[1])"
     paths = filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    run([sys.executable, "-c", code, str(path)], path, environment)
+    run([sys.executable, "-P", "-c", code, str(path)], path, environment)
 
 
 def run(

@@ -8,15 +8,17 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pytest
+from typing_extensions import TypeAliasType
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix
 from cc_mujoco.native._c99 import CLibrary
-from cc_mujoco.native._library import compiler
+from cc_mujoco.native._kinds import INT, REAL, Array, kind_of
+from cc_mujoco.native._library import compiler, write_source
 
 
 def own_array() -> FloatArray:
@@ -218,3 +220,23 @@ int main(void) {
         arithmetic(*row, right)
         found = np.array(line.split(), dtype=float)
         assert np.array_equal(found, right), (row, found, right)
+
+
+def test_an_array_type_may_be_an_alias_as_from_numpy_2_5_on() -> None:
+    element = TypeVar("element", bound=np.generic)
+    value = np.ndarray[tuple[Any, ...], np.dtype[element]]
+    alias: Any = TypeAliasType("NDArray", value, type_params=(element,))
+    for number, kind in ((np.float64, REAL), (np.int64, INT)):
+        assert kind_of(alias[number]) == kind_of(value[number])
+        assert kind_of(Annotated[alias[number], 2]) == Array(kind, 2)
+
+
+def test_the_source_is_that_of_this_package_whatever_the_current_folder_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("cc_mujoco", "numpy"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit(1)")
+    monkeypatch.chdir(tmp_path)
+    write_source(tmp_path / "source.c")
+    assert (tmp_path / "source.c").stat().st_size > 1e5

@@ -42,7 +42,7 @@ class Limit:
     # Trials beyond it keep two samples per period of the band, or what their motion
     # needs, where models are so far off that it makes no difference [s]
     long_trial = 12.0
-    # RMS distance of an angle from lines between these samples, over the largest range
+    # RMS distance of an angle from lines between these samples, over its range
     max_missed_motion = 1e-3
     ramp_samples = 20  # Samples of either part of a lead-in, see `records.with_lead_in`
     run_in_travel = 3.0  # Travel before samples count, over that which winds up

@@ -94,20 +94,10 @@ class TorqueDerivatives:
         pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
+            wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
+            if not wanted:
+                return
             used = problem.coarse if again else problem
-            wanted: dict[str, dict[int, float]] = {}
-            for k in range(first, x.size):
-                if inner[k] is again:
-                    occasion = simulation.changed_on(problem.tuned[k].name)
-                    wanted.setdefault(occasion, {})[k] = steps[k]
-            for occasion, own in wanted.items():
-                there = [p for p in places if occasion in ("", records[p].occasion)]
-                if there:
-                    difference(used, there, own)
-
-        def difference(
-            used: Problem, places: Sequence[int], wanted: Mapping[int, float]
-        ) -> None:
             chosen, here = [seen[p] for p in places], [torques[p] for p in places]
             if used is not problem:
                 here = used.torques(x, chosen)

@@ -347,11 +347,12 @@ def _record(
 
 def _largest_step(angles: FloatArray, steps: Sequence[int]) -> int:
     """Return the largest step between samples whose lines follow all angles, or 0."""
-    place = np.arange(angles.shape[1])
-    largest = Limit.max_missed_motion * np.ptp(angles, axis=1).max()
+    place, ranges = np.arange(angles.shape[1]), np.ptp(angles, axis=1)
+    moved = np.maximum(ranges, Limit.held_share * ranges.max())
     for step in reversed(steps):
         drawn = [np.interp(place, place[::step], angle[::step]) for angle in angles]
-        if np.sqrt(np.mean((angles - drawn) ** 2, axis=1)).max() <= largest:
+        missed = np.sqrt(np.mean((angles - drawn) ** 2, axis=1))
+        if (missed <= Limit.max_missed_motion * moved).all():
             return step
     return 0
 

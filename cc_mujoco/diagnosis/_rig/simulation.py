@@ -72,11 +72,6 @@ def base_name(name: str) -> str:
     return name.partition("@")[0]
 
 
-def changed_on(name: str) -> str:
-    """Return the occasion of a change, on which alone it acts; "" of a value."""
-    return name.partition("@")[2]
-
-
 def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]:
     there = {name: values.get(change_name(name, occasion)) for name in _CHANGING}
     own = {name: change for name, change in there.items() if change is not None}

@@ -107,6 +107,9 @@ def test_a_diagnosis_has_its_own_record(
     assert found["seeds"] == ["3"]
     assert found["input"] == ["s.xml  1a", "a.csv  2b"]
     assert len(found["result"]) == 1
+    text = verdict(command="cc-mujoco\nresult  \x1b[2Jx")
+    (tmp_path / "verdict.json").write_text(json.dumps(text))
+    assert cited(tmp_path, capsys)["command"] == ["cc-mujoco?result  ?[2Jx"]
 
 
 @pytest.mark.parametrize(

@@ -61,10 +61,12 @@ class Cite:
             with one_sentence(folder / name, "make the results again"):
                 made = {**made, **_record(folder / name)}
             hashes.setdefault(name, "")
-        versions = dict(made["versions"])
-        print("\n".join(_lines(made, versions)))
+        versions = made["versions"]
+        lines = [*_lines(made, versions)]
         for name, written in hashes.items():
-            print(f"result    {name}  {_compared(folder / name, written)}")
+            lines.append(f"result    {name}  {_compared(folder / name, written)}")
+        for line in lines:  # of a file that may be of others
+            print("".join(c if c.isprintable() else "?" for c in line))
         print("\n" + BIBTEX.format(version=versions.get("cc_mujoco", "unknown")))
 
 
@@ -74,7 +76,8 @@ def _manifest(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         return {}, {}
     with one_sentence(path, "delete it, or make the results again"):
         lines = path.read_text(encoding="utf-8").splitlines()
-        made = [parse_json(x.removeprefix(RECORD)) for x in lines if x[:9] == RECORD]
+        records = [line for line in lines if line.startswith(RECORD)]
+        made = [parse_json(line.removeprefix(RECORD)) for line in records]
         files = (re.fullmatch(r"([^/\\]+) as written: (\w+)", line) for line in lines)
         hashes = {found[1]: found[2] for found in files if found}
         return dict(made[0]) if made else {}, hashes

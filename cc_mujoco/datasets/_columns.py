@@ -33,10 +33,13 @@ def columns_named(name: str, names: Sequence[str]) -> list[str]:
     return [full for full in names if channels.bare_name(full) == name]
 
 
-def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
+def find_column(
+    where: str, what: str, name: str, names: Sequence[str], used: Sequence[str] = ()
+) -> str:
+    """Return the column `name`; its error proposes none that is `used` by others."""
     column = _only_column(where, columns_named(name, names), what)
     if column is None:
-        raise _missing_column(where, what, name, names)
+        raise _missing_column(where, what, name, names, used)
     return column
 
 
@@ -91,7 +94,9 @@ def channel_sources(
             continue
         column: str | None
         if source.name is not None:
-            column = find_column(where, channel, source.name, names)
+            rest = [file.source(other).name for other in file.columns]
+            used = [other for other in rest if other and other != source.name]
+            column = find_column(where, channel, source.name, names, used)
         else:
             column = _only_column(where, _spelled_columns(channel, names), channel)
         if column is not None:
@@ -115,7 +120,8 @@ def _missing_column(
 ) -> CableError:
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     if channel != name:
-        near = _nearest_name(name, names)
+        able = [n for n in names if n not in used and not _names_other_side(n, channel)]
+        near = _nearest_name(name, able)
         hint = f" (is it {near!r}?)" if near else ""
         return CableError(
             f"{where} has no column {name!r} for {channel}{hint}: {listing}."
@@ -163,6 +169,9 @@ def _names_other_side(column: str, channel: str) -> bool:
     sides = {"motor": "motor drive actuator proximal input pulley", "joint": joint}
     word, own = column.lower(), channel.partition("_")[0]
     named = [s for s, words in sides.items() if any(w in word for w in words.split())]
+    short = {"m": "motor", "mot": "motor", "j": "joint", "jnt": "joint"}
+    parts = re.split(r"[^a-z]+", re.sub(r"\bn[ .*]m\b", "", word))
+    named += [short[part] for part in parts if part in short]
     return own in sides and bool(named) and own not in named
 
 

@@ -74,6 +74,7 @@ class Limit:
     # Logarithm of a ratio whose inverse is another one, and by which it may be missed
     unequal = 0.15
     inverse = 0.1
+    unequal_pulleys = 0.15  # The same of a ratio that both angles and torques have
     copy_tolerance = 1e-9  # Share of a motion by which an angle is no copy of another
     min_copied_rows = 100  # Rows in a row that are a copy of others
     max_angle_step = 0.5  # turned at most from one sample to the next [rad]

@@ -545,14 +545,22 @@ def _figures(records: Sequence[Record]) -> list[str]:
     ]
     if shares:
         found.append(f"Median gap closed: {', '.join(shares)}.")
-    given, covers = [r["intervals"] for r in records], []
+    open_ones = [r for r in records if r["steps"][-1]["verdict"] == "unknown"]
+    others = [r for r in records if r not in open_ones]
+    for group, where in ((others, ""), (open_ones, " where the verdict is `unknown`")):
+        if covers := _covers([r["intervals"] for r in group]):
+            found.append(f"Intervals of 95 % that cover{where}: {', '.join(covers)}.")
+    return found
+
+
+def _covers(given: Sequence[Record]) -> list[str]:
+    """Return for each parameter how many of the intervals hold the true value."""
+    covers = []
     for name in dict.fromkeys(name for each in given for name in each):
         of = [each[name] for each in given if name in each]
         held = [low <= true <= high for _, low, high, true in of]
         covers.append(f"{name} {sum(held)} of {len(held)} ({exact(held)} %)")
-    if covers:
-        found.append(f"Intervals of 95 % that cover: {', '.join(covers)}.")
-    return found
+    return covers
 
 
 def _learned(records: Sequence[Record]) -> list[str]:

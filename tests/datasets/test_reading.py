@@ -343,6 +343,26 @@ def test_columns_mapped_that_are_not_there(tmp_path: Path) -> None:
         read(path, file)
 
 
+def test_no_column_of_another_channel_or_side_is_proposed(tmp_path: Path) -> None:
+    names = "time_s,thetaM,theta_j,tau_mot,tau_load"
+    path = put(tmp_path, text("0,1,2,3,4\n", names))
+    mapped = {
+        "motor_angle_rad": Source(name="theta_m"),
+        "joint_angle_rad": Source(name="theta_j"),
+        "motor_torque_nm": Source(name="tau_mot"),
+        "joint_torque_nm": Source(name="tau_load"),
+    }
+    with pytest.raises(CableError, match="is it 'thetaM'"):
+        read(path, DatasetFile(columns=mapped))
+    mapped["motor_angle_rad"] = Source(name="thetaM")
+    mapped["joint_torque_nm"] = Source(name="tau_lod")
+    with pytest.raises(CableError, match="is it 'tau_load'"):
+        read(path, DatasetFile(columns=mapped))
+    mapped["motor_torque_nm"] = Source(name="tau_load")
+    with pytest.raises(CableError, match="no column 'tau_lod' for joint_torque_nm:"):
+        read(path, DatasetFile(columns=mapped))
+
+
 @given(raw=st.binary(max_size=200))
 def test_any_bytes_are_a_table_or_a_sentence(
     tmp_path_factory: pytest.TempPathFactory, raw: bytes

@@ -116,6 +116,14 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(
     )
 
 
+def test_compliance_beyond_the_softest_end_ends_at_it() -> None:
+    given = (Cable(pretension=10.0, end_compliance=1.0),) * 2
+    effect, rig = EFFECTS["end_compliance"], RigGeometry(0.02, 0.05, math.pi)
+    assert effect.cables
+    made = effect.cables(given, {p.name: 1e-5 for p in effect.parameters}, rig)
+    assert [cable.end_compliance for cable in made] == [1.0, 1.0]
+
+
 @pytest.mark.parametrize("name", EFFECTS)
 @given(corner=st.randoms(use_true_random=False), radius=st.sampled_from((0.05, 0.004)))
 @settings(max_examples=10)

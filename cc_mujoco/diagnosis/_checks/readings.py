@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import GAP_FACTOR
-from cc_mujoco.datasets._data_findings import DataFinding, error, warning
+from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, errors, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._glitches import leaps
 from cc_mujoco.datasets._load_cells import SingleCell
@@ -116,10 +116,35 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
                 certain, key=lambda e: abs(math.log(abs(e[1].ratio * ratio)))
             )
             findings = check_ratio(closest, ratio, several=len(certain) >= 3)
+            if not errors(findings):
+                findings = _check_pulleys(certain, ratio) or findings
     for trial in trials:
         for check in checks:
             findings += check(trial, bench)
     return findings
+
+
+def _check_pulleys(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:
+    """Doubt the scene's `ratio` where angles and torques state the same other one.
+
+    Elasticity changes the ratio of the angles only, a gain that of the torques only.
+    """
+    by_angle = 1.0 / float(np.median([m.ratio for _, m in trials]))
+    known = [m.torque_ratio for _, m in trials if m.torque_ratio > 0.0]
+    if not known or by_angle <= 0.0:
+        return []
+    by_torque = 1.0 / float(np.median(known))
+    off = [math.log(found / ratio) for found in (by_angle, by_torque)]
+    if min(map(abs, off)) < Limit.unequal_pulleys or abs(off[0] - off[1]) > 0.5 * max(
+        map(abs, off)
+    ):
+        return []
+    message = (
+        f"The motor turns {by_angle:.3g} rad per joint radian and the joint has "
+        f"{by_torque:.3g} times the motor's torque, but the pulleys of the scene make "
+        f"both {ratio:.3g}; correct their radii (`gear`)."
+    )
+    return [doubt(message)]
 
 
 def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:

@@ -513,6 +513,9 @@ def parameters(diagnosis: Diagnosis) -> Html | None:
     baseline = diagnosis.baseline
     if baseline.parameters:
         parts += [element("h3", "Baseline"), _values(baseline.parameters)]
+        if diagnosis.verdict == "unknown":
+            text = "Something is missing, so these hold for the tuned scene only."
+            parts.append(paragraph(text, kind="small"))
     if baseline.not_identifiable:
         title = element("h3", "What the data do not determine")
         parts += [title, bullet_list(baseline.not_identifiable)]

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
     Cables,
@@ -83,11 +84,13 @@ def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
 def _set_end_compliances(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Ends are fastened one by one, and give more than the scene says.
     sizes = [values.get(name, 0.0) for name in _FITTING_COMPLIANCES]
+
+    def softened(cable: Cable, **more: float) -> Cable:
+        pairs = ((name, getattr(cable, name) + size) for name, size in more.items())
+        return cable.replace(**{name: clamp_to_bounds(name, s) for name, s in pairs})
+
     return tuple(
-        cable.replace(
-            end_compliance=cable.end_compliance + far,
-            proximal_compliance=cable.proximal_compliance + near,
-        )
+        softened(cable, end_compliance=far, proximal_compliance=near)
         for cable, far, near in zip(given, sizes[:2], sizes[2:], strict=False)
     )
 

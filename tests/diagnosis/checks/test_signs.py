@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import load
 from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
-from cc_mujoco.diagnosis._checks.readings import check_ratio
+from cc_mujoco.diagnosis._checks.readings import check_bench, check_ratio
 from diagnosis.bench import RATIO, Columns, loaded, one, only_fix, recording, write
+from diagnosis.recorded import BENCH, dataset
 
 TORQUES = ("motor_torque_nm", "joint_torque_nm")
 INVERTED = {
@@ -240,3 +242,14 @@ def test_an_angle_that_is_a_copy_of_the_other_is_no_reading(tmp_path: Path) -> N
     write(tmp_path / "run.csv", columns)
     told = [f.statement for f in errors(load(tmp_path)[1])]
     assert any("times a number to the last digit" in each for each in told)
+
+
+@pytest.mark.parametrize("wrong", [1.5, 0.7])
+def test_pulleys_of_the_scene_are_doubted_where_angles_and_torques_agree(
+    wrong: float,
+) -> None:
+    data = dataset(changes={"friction": 0.1}, duration=4.0)
+    assert not [f for f in check_bench(data.trials, BENCH) if "pulleys" in f.statement]
+    bench = replace(BENCH, joint_radius=wrong * BENCH.joint_radius)
+    (found,) = check_bench(data.trials, bench)
+    assert found.severity == "doubt" and "correct their radii" in found.statement

@@ -18,7 +18,7 @@ from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.device import Device, find_device
 from cc_mujoco.device._model import load
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, import_extra
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.simulation import _worn_device as worn_device
@@ -137,6 +137,7 @@ class DeviceVectorEnv(
         if backend == BACKENDS[0]:
             self.simulations = Simulations(exo, num_envs, threads=threads)
         else:
+            import_extra("mujoco_warp", 'backend="warp" needs mujoco_warp', "warp")
             from cc_mujoco.simulation._warp_worlds import WarpWorlds
 
             self.simulations = WarpWorlds(exo, num_envs, found)

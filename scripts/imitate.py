@@ -320,12 +320,16 @@ def main() -> None:
         train_policy.device_of(options.scene)
     except CableError as error:
         parser.error(str(error))
+    for name in ("rounds", "updates", "hold", "envs", "seconds"):
+        if getattr(options, name) <= 0:
+            parser.error(f"--{name} must be above 0.")
     if (there := options.out / f"{options.seed}.safetensors").exists():
         parser.error(f"{there} is there already; name another --out or --seed.")
     options.out.mkdir(parents=True, exist_ok=True)
     # Sums of a thread each depend on how many there are; one gives one policy.
     with threadpool_limits(1, user_api="blas"):
         train(options)
+    print(f"{there} is written: cc-mujoco play {options.scene} --controller {there}")
 
 
 if __name__ == "__main__":

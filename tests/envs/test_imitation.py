@@ -123,10 +123,9 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     done = subprocess.run(
         [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
     )
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [
-        b"teacher:",
-        b"student:",
-    ]
+    teacher, student, written = done.stdout.splitlines()
+    assert teacher.startswith(b"teacher:") and student.startswith(b"student:")
+    assert b"--controller" in written
     network, observed = read_policy(tmp_path / "0.safetensors")
     room = classroom("finger")
     assert tuple(observed) == room.env.exo.observed
@@ -165,3 +164,12 @@ def test_a_student_follows_the_slope_of_its_loss() -> None:
             ends.append(loss()[0])
         values[place] = kept
         assert slope[place] == pytest.approx((ends[1] - ends[0]) / 2e-2, abs=2e-2)
+
+
+def test_numbers_of_which_nothing_is_learnt_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["imitate.py", "--rounds", "0"])
+    with pytest.raises(SystemExit):
+        imitate.main()
+    assert "--rounds must be above 0" in capsys.readouterr().err

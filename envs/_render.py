@@ -227,6 +227,14 @@ class SceneRenderer:
             self._camera = None
 
 
+def metadata_of(fps: int) -> dict[str, Any]:
+    """Return an environment's metadata; "human" is a mode only with a display."""
+    from cc_mujoco.viz._viewer import has_display
+
+    modes = ["human", "rgb_array"] if has_display() else ["rgb_array"]
+    return {**RENDER_METADATA, "render_modes": modes, "render_fps": fps}
+
+
 def check_mode(mode: str | None, metadata: Mapping[str, Any]) -> None:
     """Refuse a render mode that is neither None nor in an environment's metadata."""
     modes = metadata["render_modes"]

@@ -24,7 +24,7 @@ from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import DrivenEnvironment, TaskChoice
 
 from ._info import LazyInfo
-from ._render import RENDER_METADATA, SceneRenderer, check_mode
+from ._render import RENDER_METADATA, SceneRenderer, check_mode, metadata_of
 
 
 class DeviceEnv(
@@ -174,7 +174,7 @@ class DeviceEnv(
         model = load(found) if model is None else copy.copy(model)
         self.device: Device = found
         self.exo = worn_device.WornDevice(found.description, model, *given, *more)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
+        self.metadata = metadata_of(round(1 / self.exo.period))
         self.render_mode = render_mode
         self.observation_space: Any = self.exo.observation_space
         self.action_space = self.exo.action_space

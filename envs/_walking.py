@@ -21,7 +21,7 @@ from cc_mujoco.human._walking_body import DRUM
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, WALKING_SIDES, ExpectedHelp
 from cc_mujoco.plugin import add_cable, settle
 
-from ._render import RENDER_METADATA, SceneRenderer, check_mode
+from ._render import RENDER_METADATA, SceneRenderer, check_mode, metadata_of
 from ._strides import Stride, StrideMeter
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         require_number("duration", duration, MUSCLE_PERIOD, MAX_DURATION, "s")
         self.transmission, self.adaptation = transmission, adaptation
         self.duration, self.render_mode = duration, render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1 / MUSCLE_PERIOD)}
+        self.metadata = metadata_of(round(1 / MUSCLE_PERIOD))
         if not isinstance(policy, WalkingPolicy):
             policy = WalkingPolicy.read(policy)
         self.policy = policy

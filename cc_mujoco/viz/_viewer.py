@@ -44,13 +44,18 @@ _WORKS = threading.Event()  # set when a window could be opened
 INSTEAD = "--video and --html of `cc-mujoco play` need"
 
 
+def has_display() -> bool:
+    """Return False where the system names no display, as on a server."""
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    return sys.platform != "linux" or any(displays)
+
+
 def require_screen(what: str = "--live", instead: str = INSTEAD) -> None:
     """Raise `CableError` if a `Screen`, which `what` needs, cannot be opened.
 
     `instead` ends the message: options that need none.
     """
-    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
-    if sys.platform == "linux" and not any(displays):
+    if not has_display():
         raise CableError(
             f"{what} needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             f"{instead} none."

@@ -229,7 +229,7 @@ class SceneRenderer:
 
 def metadata_of(fps: int) -> dict[str, Any]:
     """Return an environment's metadata; "human" is a mode only with a display."""
-    from cc_mujoco.viz._viewer import has_display
+    from cc_mujoco.viz._live_controls import has_display
 
     modes = ["human", "rgb_array"] if has_display() else ["rgb_array"]
     return {**RENDER_METADATA, "render_modes": modes, "render_fps": fps}

@@ -9,6 +9,8 @@ either: their model keeps the values of the scene.
 """
 
 import math
+import os
+import sys
 import textwrap
 import time as wall
 from collections.abc import Callable, Iterable, Mapping
@@ -26,6 +28,12 @@ RIGHT, LEFT, DOWN, UP, HOME, END = 262, 263, 264, 265, 268, 269  # keys of GLFW
 
 STEP_FACTOR = 1.25  # factor of friction or pretension from one key to the next
 MAX_STEPS = 10  # steps from the scene's value, either way
+
+
+def has_display() -> bool:
+    """Return False where the system names no display, as on a server."""
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    return sys.platform != "linux" or any(displays)
 
 
 class Slider(NamedTuple):

@@ -11,7 +11,6 @@ latest frame, and the simulation does not wait for it.
 """
 
 import copy
-import os
 import re
 import sys
 import threading
@@ -26,7 +25,7 @@ import numpy as np
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.viz._cable_lines import Capsules
-from cc_mujoco.viz._live_controls import Sliders
+from cc_mujoco.viz._live_controls import Sliders, has_display
 from cc_mujoco.viz._scene3d import viewpoint
 
 Rows = tuple[tuple[str, str], ...]  # lines of two columns
@@ -42,12 +41,6 @@ class Frame(NamedTuple):
 
 _WORKS = threading.Event()  # set when a window could be opened
 INSTEAD = "--video and --html of `cc-mujoco play` need"
-
-
-def has_display() -> bool:
-    """Return False where the system names no display, as on a server."""
-    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
-    return sys.platform != "linux" or any(displays)
 
 
 def require_screen(what: str = "--live", instead: str = INSTEAD) -> None:

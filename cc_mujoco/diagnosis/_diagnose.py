@@ -210,6 +210,7 @@ def run_inference(
         return DiagnosisResult(found, bench)
     evidence = evidence_of(found)
     drawer.begin(found.held.gap, evidence)
+    progress(0.9, "locating what is left")
     diagnosis = locate_error(found, judge(found), evidence.maps)
     diagnosis, problem, x = learn_residual(found, diagnosis)
     progress(0.95, "writing it down")
@@ -237,8 +238,10 @@ def _search_thinned(
     if any(np.ptp(trial.time) > Limit.long_trial for trial in dataset.trials):
         quick = replace(settings, thinned=True)
         found, events = _search_without_events(dataset, bench, quick, progress)
-        if isinstance(found, Diagnosis) or found.fitted.resolves(
-            found.problem, found.x
+        if (
+            isinstance(found, Diagnosis)
+            or found.search.interrupted
+            or found.fitted.resolves(found.problem, found.x)
         ):
             return found, events
     return _search_without_events(dataset, bench, settings, progress)
@@ -258,6 +261,8 @@ def _search_without_events(
         happened = find_events(fitted.problem, fitted.whole.x, dataset) if more else []
         if not happened:
             found = search_effects(fitted, progress)
+            if found.search.interrupted:
+                return found, events
             off = found.problem.effects or fitted.crossed.misfit > Limit.layout_error
             if more and off:
                 model = found.problem, found.x

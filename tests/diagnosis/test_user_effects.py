@@ -19,14 +19,16 @@ from cc_mujoco.diagnosis import (
     Shape,
     Signals,
     Size,
+    _diagnose,
     load,
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.fit import check_effects
+from cc_mujoco.diagnosis._fit.fit import BaselineFit, check_effects
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._scene.repair import existing_effects
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import effects_in_use
 from cc_mujoco.diagnosis.effects._effect import effect_of_class
 from cc_mujoco.errors import CableError
@@ -137,6 +139,28 @@ def test_a_search_that_is_interrupted_at_once_says_that_nothing_was_added() -> N
     found = run_inference(data, BENCH, Options(tuple(hidden)), interrupt)
     assert found.diagnosis.verdict == "unknown" and not found.diagnosis.effects
     assert "no effect had been added" in found.diagnosis.statement
+
+
+def test_an_interrupted_search_is_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    interrupts, looked = [KeyboardInterrupt], []
+
+    def interrupt(share: float, doing: str) -> None:
+        if doing.startswith("refitting"):
+            raise interrupts.pop()
+
+    def find_events(*_: object, **__: object) -> list[object]:
+        looked.append(_)
+        return []
+
+    # A thinned search is repeated, and one with effects looks for events again.
+    monkeypatch.setattr(Limit, "long_trial", 1.0)
+    monkeypatch.setattr(BaselineFit, "resolves", lambda *_: False)
+    monkeypatch.setattr(_diagnose, "find_events", find_events)
+    hidden = {"joint_stiffness": {"joint_stiffness": 3.0, "joint_stiffness_moment": 0}}
+    found = run_inference(
+        dataset(hidden, 2.0), BENCH, Options(tuple(hidden)), interrupt
+    )
+    assert found.diagnosis.interrupted and len(looked) == 1
 
 
 def test_the_best_form_is_fitted_and_the_family_is_named() -> None:

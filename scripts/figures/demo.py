@@ -78,7 +78,9 @@ def words(logs: dict[str, EpisodeLog]) -> list[str]:
     none, rival, best = map(results, logs.values())
     first, *_, log = logs.values()
     proximal, distal = (log[f"tension_{CABLE}_{end}_n"] for end in ENDS)
-    moment, joint = int(np.argmax(proximal)), first["joint_angle_rad"]
+    pulling = (proximal >= 0.5 * proximal.max()) & (log["time_s"] >= BEGIN)
+    pulled, arrived = proximal[pulling].mean(), distal[pulling].mean()
+    joint = first["joint_angle_rad"]
 
     def each(name: str, form: str) -> str:
         return "{:{f}}, {:{f}} and {:{f}}".format(
@@ -89,9 +91,9 @@ def words(logs: dict[str, EpisodeLog]) -> list[str]:
         f"The wearer sweeps the handle over {np.ptp(joint):.2f} rad, "
         f"{np.sum(np.abs(np.diff(joint))):.2g} rad in all; the device should feel like "
         f"a spring, with up to {np.abs(log['desired_torque_nm']).max():.2f} N m.",
-        f"Of {proximal[moment]:.0f} N that the motor pulls at most, "
-        f"{distal[moment]:.0f} N come out of the conduit: "
-        f"{1.0 - distal[moment] / proximal[moment]:.0%} are lost on the way.",
+        f"While the motor pulls the {CABLE} with at least half its peak, of "
+        f"{pulled:.0f} N in the mean {arrived:.0f} N come out of the conduit: "
+        f"{1.0 - arrived / pulled:.0%} are lost on the way.",
         "Without compensation (none) the wearer drags the cable along: the torque is "
         f"off by {none['error']:.0%} of what is desired.",
         "A tuned baseline, lqg (rotor, spring, disturbance observer), leaves "

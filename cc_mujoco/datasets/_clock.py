@@ -345,9 +345,9 @@ def _gaps(recording: Recording, time: FloatArray, step: float) -> NDArray[np.int
     change = np.diff(time)
     gap = change > GAP_FACTOR * step
     if gap.any():
-        longest = int(np.argmax(change))
+        longest, count = int(np.argmax(change)), np.count_nonzero(gap)
         problem = (
-            f" has {np.count_nonzero(gap)} gaps, the longest of "
+            f" has {'a gap' if count == 1 else f'{count} gaps, the longest'} of "
             f"{change[longest]:.4g} s at {time[longest]:.6g} s; the trial is split "
             "there and nothing is filled in."
         )

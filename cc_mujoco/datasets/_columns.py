@@ -63,7 +63,7 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
     name = _only_column(where, places, channels.TIME)
     if name is None:
         raise _missing_column(where, channels.TIME, channels.TIME, names)
-    spelled = channels.spellings(channels.TIME).get(channels.bare_name(name))
+    spelled = channels.unit_of(name, channels.CLOCK)
     return name, given.unit or spelled or channels.CLOCK.unit
 
 

@@ -84,9 +84,9 @@ class DatasetFile:
 
     def unit(self, channel: str, column: str) -> str:
         """Return the unit of a column: declared, else named by the column, else SI."""
-        spelled = channels.spellings(channel)
-        unit = self.source(channel).unit or spelled.get(channels.bare_name(column))
-        return unit or channels.kind_of(channel).unit
+        measured = channels.kind_of(channel)
+        spelled = channels.unit_of(column, measured)
+        return self.source(channel).unit or spelled or measured.unit
 
     def has_substitute(self, torque: str, found: Iterable[str]) -> bool:
         """Return whether load cells, current or load stand in for a torque's column."""

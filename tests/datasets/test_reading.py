@@ -227,11 +227,11 @@ def test_a_column_in_another_unit_is_offered_with_its_conversion(
     told = f"[columns.{channel}] name = {column!r}, unit = {unit!r}"
     with pytest.raises(CableError, match=re.escape(told)):
         read(path, DatasetFile())
-    # What is said is what helps.
-    file = DatasetFile(columns={channel: Source(name=column, unit=unit)})
-    value = read(path, file).values[channel]
+    # What is said is what helps, and so does the name alone, which ends in the unit.
     factor = channels.kind_of(channel).factors[unit]
-    assert value == pytest.approx([factor * TOP.split(",").index(channel)])
+    for source in (Source(name=column, unit=unit), Source(name=column)):
+        value = read(path, DatasetFile(columns={channel: source})).values[channel]
+        assert value == pytest.approx([factor * TOP.split(",").index(channel)])
 
 
 @pytest.mark.parametrize(

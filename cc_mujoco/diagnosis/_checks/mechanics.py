@@ -236,6 +236,8 @@ def check_signs(group: Group) -> Findings:
         if follows and m.joint_work / m.ratio > m.motor_work * m.ratio:
             ways.append(f"swap {{{MOTOR_TORQUE}}} and {{{JOINT_TORQUE}}}")
     advice = " or ".join(ways).format(**_labels(trials[0]))
+    if "invert" in advice:
+        advice += " (in dataset.toml, `sign` in the table [columns.CHANNEL])"
     sentence = f"{_files(trials)}: {' and '.join(found)}; {advice}."
     if follows < 0.0:
         certain = True

@@ -31,7 +31,7 @@ def test_an_inverted_channel_is_found(tmp_path: Path, channel: str, seed: int) -
     columns = recording(seed=seed)
     columns[channel] = -columns[channel]
     told = only_fix(loaded(tmp_path, columns)[1]).statement
-    assert INVERTED[channel] in told
+    assert INVERTED[channel] in told and "`sign` in the table [columns." in told
     assert one(tmp_path, columns, f"[columns.{channel}]\nsign = -1")
 
 

@@ -91,7 +91,7 @@ def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
 def _is_refused(model: MjModel, instance: int) -> bool:
     """Return whether the instance cannot be used; if so, report why to MuJoCo."""
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = messages.begin_message(room.ctypes.data, model, instance)
+    message = messages.begin_message(room.ctypes.data, model, instance, 0)
     start = message.used
     attachments.explain(message, model, instance)
     attributes = ffi.attributes(model, instance)
@@ -199,19 +199,19 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
     """
     instance = block.instance
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = messages.begin_message(room.ctypes.data, model, instance)
+    message = messages.begin_message(room.ctypes.data, model, instance, block)
     start = message.used
     attachments.explain(message, model, instance)
     if message.used == start and blocks.is_open(block):
         attachments.explain_bypass(message, model, instance, block.route)
     if message.used > start:
-        messages.issue_once(message, model)
+        messages.issue_once(message)
     if blocks.is_open(block):
         messages.warn_no_effect(model, instance, block)
         messages.warn_soft_on_drum(model, block)
     if block.route >= 0:
-        messages.warn_missed(model, data, instance, block.route)
-    messages.warn_cannot_pull(model, instance)
+        messages.warn_missed(model, data, block)
+    messages.warn_cannot_pull(model, block)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
     limits(model, data, instance, longest.ctypes.data)
@@ -333,6 +333,7 @@ def init(model: MjModel, data: MjData, instance: ffi.CInt) -> ffi.CInt:
     attributes = ffi.attributes(model, instance)
     room = np.zeros(blocks.BLOCK_WORDS, np.int64)
     head = blocks.block_of_memory(room.ctypes.data)
+    head.content = messages.content(model, instance)
     head.segments = config.segment_count(attributes)
     head.path_kind = config.path_kind(attributes)
     is_first = ffi.first_cable(model, instance) == instance
@@ -428,14 +429,14 @@ def compute(
         if begins:
             # Work of friction, with room for the tolerance of the solvers [J].
             if not blocks.kernel_state(state, n)[2] > -0.1:
-                messages.warn_once(model, instance, messages.NO_STATE)
+                messages.warn_once(model, instance, block, messages.NO_STATE)
             pose = blocks.committed(state, n).pose
             touched = messages.position_changed(lead, pose)
             block.position_changed = int(touched)
         implicit = implicit_ends.is_implicit(model, block)
     block.path_evaluation = 0
     if cut:
-        messages.warn_once(model, instance, messages.NO_PASSIVE)
+        messages.warn_once(model, instance, block, messages.NO_PASSIVE)
     for end in range(2):
         block.input_positions[end] = ends[end]
         block.input_velocities[end] = data.actuator_velocity[block.outputs[end]]
@@ -498,7 +499,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         messages.warn_jump(model, data, instance, state, ends, 0)
     if attachments.in_disabled_group(model, instance):
         messages.warn_once(
-            model, instance,
+            model, instance, block,
             "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not "
             "heed for plugins; the cable pulls all the same",
         )  # fmt: skip
@@ -507,7 +508,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     if idle:
         # Nothing has evaluated the last position.
         messages.warn_once(
-            model, instance,
+            model, instance, block,
             "`actuation` is disabled in <flag>, so the cable does not pull; its "
             "tensions are those that it would have",
         )  # fmt: skip

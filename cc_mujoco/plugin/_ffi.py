@@ -85,7 +85,11 @@ def memory(layout: type[ctypes.Structure]) -> Memory:
 class _Message(ctypes.Structure):
     """Message under construction: `MESSAGE_WORDS` words of 8 bytes, 0 at first."""
 
-    _fields_ = (("used", ctypes.c_int64), ("text", ctypes.c_uint8 * _CAPACITY))
+    _fields_ = (
+        ("used", ctypes.c_int64),
+        ("about", ctypes.c_int64),  # digest of the model that it is about
+        ("text", ctypes.c_uint8 * _CAPACITY),
+    )
 
 
 Message = Annotated[Any, memory(_Message)]
@@ -276,14 +280,21 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 
 @internal
-def warned_once(message: Message, about: int) -> bool:
-    """Return whether this message on model signature `about` was issued; record it."""
-    digest = 1469598103934665603 ^ about
-    for i in range(message.used):
-        digest = (digest ^ message.text[i]) * 1099511628211
-    said, place = words(_digest_table(), DIGEST_SLOTS), digest & (DIGEST_SLOTS - 1)
-    known = said[place] == digest
-    said[place] = digest
+def digest(found: int, address: int, size: int) -> int:
+    """Return the digest `found` continued by the bytes at an address (FNV-1a)."""
+    content = octets(address, size)
+    for i in range(size):
+        found = (found ^ content[i]) * 1099511628211
+    return found
+
+
+@internal
+def warned_once(message: Message) -> bool:
+    """Return whether this message on this model was issued; record it."""
+    found = digest(message.about, message.text.ctypes.data, message.used)
+    said, place = words(_digest_table(), DIGEST_SLOTS), found & (DIGEST_SLOTS - 1)
+    known = said[place] == found
+    said[place] = found
     return bool(known)
 
 

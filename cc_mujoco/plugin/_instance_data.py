@@ -38,6 +38,7 @@ class _Block(ctypes.Structure):
         ("shape_bytes", _INT),  # bytes of the path at one stage, see `shape_at`
         ("checked_timestep", _REAL),  # time step at the last check of limits [s]
         ("instance", _INT),
+        ("content", _INT),  # digest of the model that it was made for
         ("dofs", _INT),
         ("actuators", _INT * 2),
         ("inputs", _REAL * 5),  # displacements and yielding of the ends, time step

@@ -160,7 +160,7 @@ def warn_long_step(
     ffi.append(message, parts[part])
     start = message.used
     ffi.append_thousandths(message, step, " ms")
-    if ffi.warned_once(message, model.signature):
+    if ffi.warned_once(message):
         return
     message.used = start
     ffi.append(message, " is stable only with a `timestep` below ")

@@ -42,9 +42,31 @@ _PATH = 2
 
 
 @internal
-def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
-    """Begin a message on an instance in the zeroed memory at address `room`."""
+def content(model: MjModel, instance: int) -> int:
+    """Return a digest of the model's numbers that warnings of an instance rest on."""
+    attributes, found = ffi.attributes(model, instance), 1469598103934665603
+    step = np.empty(1)
+    step[0] = model.opt.timestep
+    found = ffi.digest(found ^ model.signature, step.ctypes.data, 8)
+    found = ffi.digest(found, attributes, config.block_size(attributes))
+    found = ffi.digest(found, model.qpos0.ctypes.data, 8 * model.nq)
+    found = ffi.digest(found, model.jnt_range.ctypes.data, 16 * model.njnt)
+    found = ffi.digest(found, model.dof_invweight0.ctypes.data, 8 * model.nv)
+    found = ffi.digest(found, model.actuator_gear.ctypes.data, 48 * model.nactuator)
+    return ffi.digest(found, model.tendon_length0.ctypes.data, 8 * model.ntendon)
+
+
+@internal
+def begin_message(
+    room: int, model: MjModel, instance: int, block: Block
+) -> ffi.Message:
+    """Begin a message on an instance in the zeroed memory at address `room`.
+
+    `block` is that of a simulation, or 0. Warnings come once for the model that it was
+    made of, so that a model whose numbers change as it runs does not repeat them.
+    """
     message = ffi.message_at(room)
+    message.about = content(model, instance) if block == 0 else block.content
     for part in ("plugin `", PLUGIN, "`, instance "):
         ffi.append(message, part)
     ffi.quote(message, ffi.name(model, model.name_pluginadr[instance]))
@@ -53,17 +75,17 @@ def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
 
 
 @internal
-def issue_once(message: ffi.Message, model: MjModel) -> None:
-    if not ffi.warned_once(message, model.signature):
+def issue_once(message: ffi.Message) -> None:
+    if not ffi.warned_once(message):
         ffi.warn(message)
 
 
 @internal
-def warn_once(model: MjModel, instance: int, sentence: ffi.Bytes) -> None:
+def warn_once(model: MjModel, instance: int, block: Block, sentence: ffi.Bytes) -> None:
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, instance)
+    message = begin_message(room.ctypes.data, model, instance, block)
     ffi.append(message, sentence)
-    issue_once(message, model)
+    issue_once(message)
 
 
 @internal
@@ -79,17 +101,18 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
     ):
         return
     block = blocks.acting_block(model, data, instance)
+    own = blocks.own_block(model, data, instance)
     if not ffi.has_timestep(model):
-        warn_once(model, instance, NO_TIMESTEP)
+        warn_once(model, instance, own, NO_TIMESTEP)
     elif block == 0 or block.other_kind != 0:
         warn_once(
-            model, instance,
+            model, instance, own,
             "its data were made by a model with other sizes or another kind of path, "
             "so the cable does not pull; make new data of this model",
         )  # fmt: skip
     else:
         warn_once(
-            model, instance,
+            model, instance, own,
             "its tension is no finite number: its part of `plugin_state`, its route or "
             "the motion of an end is none; reset the data",
         )  # fmt: skip
@@ -194,18 +217,19 @@ def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
         tied = block.tied[0], block.tied[1]
         why = _no_effect_reason(arcs, places, mouth, tied, key)
         if why.size > 0:
-            _warn_idle(model, instance, key, why, "")
+            _warn_idle(model, instance, block, key, why, "")
 
 
 @internal
 def _warn_idle(
-    model: MjModel, instance: int, key: int, why: ffi.Bytes, rest: ffi.Bytes
-) -> None:
+    model: MjModel, instance: int, block: Block, key: int, why: ffi.Bytes,
+    rest: ffi.Bytes,
+) -> None:  # fmt: skip
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, instance)
+    message = begin_message(room.ctypes.data, model, instance, block)
     for part in ("key `", KEYS[key], "` has no effect: ", why, rest):
         ffi.append(message, part)
-    issue_once(message, model)
+    issue_once(message)
 
 
 @internal
@@ -219,17 +243,17 @@ def warn_idle_keys(model: MjModel, instance: int) -> None:
         return
     for key, needed in config.SCALES:
         if values[needed] == 0.0 and values[key] != config.DEFAULTS[key]:
-            _warn_idle(model, instance, key, KEYS[needed], " is 0")
+            _warn_idle(model, instance, 0, key, KEYS[needed], " is 0")
     straight, has_factors = not config.bends_with_route(attributes), False
     for s in range(count):
         straight = straight and math.isinf(sections[s, 1])
         has_factors = has_factors or sections[s, 2] != 1.0 or sections[s, 3] != 1.0
     play = values[config.KEY.clearance]
     if play != 0.0 and straight:
-        _warn_idle(model, instance, config.KEY.clearance, "no section bends", "")
+        _warn_idle(model, instance, 0, config.KEY.clearance, "no section bends", "")
     elif play == 0.0 and has_factors:
         warn_once(
-            model, instance, "factors in `conduit` have no effect: clearance is 0"
+            model, instance, 0, "factors in `conduit` have no effect: clearance is 0"
         )
 
 
@@ -245,9 +269,9 @@ def warn_short_conduit(
     if length >= 0.8 * span:
         return
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, instance)
+    message = begin_message(room.ctypes.data, model, instance, block)
     ffi.append(message, "key `conduit` is ")
-    if not ffi.warned_once(message, model.signature):
+    if not ffi.warned_once(message):
         ffi.append_thousandths(message, length, " mm long, and its ends are ")
         rest: ffi.Bytes = " mm apart in a straight line; lengthen it"
         ffi.append_thousandths(message, span, rest)
@@ -328,9 +352,9 @@ def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
     if slower == 0.0 or steps >= (5.0 if is_rk4(model) else 10.0):
         return
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, block.instance)
+    message = begin_message(room.ctypes.data, model, block.instance, block)
     ffi.append(message, "the period of its ends is ")
-    if not ffi.warned_once(message, model.signature):
+    if not ffi.warned_once(message):
         ffi.append_thousandths(
             message,
             1e-3 * steps,
@@ -354,9 +378,9 @@ def warn_soft_on_drum(model: MjModel, block: Block) -> None:
     if not winds or not strain > 0.02:
         return
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, block.instance)
+    message = begin_message(room.ctypes.data, model, block.instance, block)
     ffi.append(message, "its pretension stretches it by ")
-    if not ffi.warned_once(message, model.signature):
+    if not ffi.warned_once(message):
         why: ffi.Bytes = (
             " %, and rope that leaves its drum at another tension than it was wound at "
             "slips there, which takes work without any friction, the more the softer "
@@ -373,7 +397,7 @@ def warn_poor_spring(model: MjModel, instance: int) -> None:
         soft = config.spring(ffi.attributes(model, instance), end)
         if soft.residual > CURVE_TOLERANCE:
             room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-            message = begin_message(room.ctypes.data, model, instance)
+            message = begin_message(room.ctypes.data, model, instance, 0)
             ffi.append(message, "the spring C ln(1 + h T) / h of an end is ")
             ffi.append_thousandths(message, 0.1 * soft.residual, " %")
             ffi.append(
@@ -407,16 +431,17 @@ def _cannot_pull_reason(
 
 
 @internal
-def warn_cannot_pull(model: MjModel, instance: int) -> None:
+def warn_cannot_pull(model: MjModel, block: Block) -> None:
+    instance = block.instance
     _, first, second = attachments.find_actuators(model, instance)
     for end in range(2):
         actuator = second if end else first
         why = _cannot_pull_reason(model, instance, actuator, end)
         if why.size > 0:
             room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-            message = begin_message(room.ctypes.data, model, instance)
+            message = begin_message(room.ctypes.data, model, instance, block)
             attachments.blame(message, model, actuator, why)
-            issue_once(message, model)
+            issue_once(message)
 
 
 @internal
@@ -511,7 +536,7 @@ def _random_pose(
 
 
 @internal
-def warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> None:
+def warn_missed(model: MjModel, data: MjData, block: Block) -> None:
     """Warn, once, of each geom in a path that the cable never touches.
 
     MuJoCo's tendon runs straight past a geom that is not in its way, or through one
@@ -520,11 +545,12 @@ def warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> Non
     random poses of all joints within their ranges.
     """
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = begin_message(room.ctypes.data, model, instance)
+    message = begin_message(room.ctypes.data, model, block.instance, block)
     start = message.used
     ffi.append(message, "its geoms have been looked for")
-    if ffi.warned_once(message, model.signature):
+    if ffi.warned_once(message):
         return
+    tendon = block.route
     count = model.tendon_num[tendon]
     ffi.mark_stack(data)
     touched = ffi.octets(ffi.borrow(data, count), count)
@@ -697,7 +723,7 @@ def warn_jump(
         if not abs(moved) > least + factor * speed * model.opt.timestep + carried:
             continue
         room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-        message = begin_message(room.ctypes.data, model, instance)
+        message = begin_message(room.ctypes.data, model, instance, block)
         parts = "its proximal end", "its distal end", "its path"
         ffi.append(message, parts[part])
         ffi.append(message, " jumped, without the velocity for it: ")
@@ -715,6 +741,6 @@ def warn_jump(
             "pretension; restore a state with its `plugin_state`; without that one "
             "step pulls it by ",
         )
-        if not ffi.warned_once(message, model.signature):
+        if not ffi.warned_once(message):
             ffi.append_thousandths(message, abs(moved), " mm")
             ffi.warn(message)

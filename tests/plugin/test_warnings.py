@@ -12,7 +12,7 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco import Cable, Section
-from cc_mujoco.plugin import cables, settle, to_mjcf
+from cc_mujoco.plugin import cables, make_room, settle, to_mjcf, write_cable
 
 POSTS = """<mujoco><option timestep="1e-3" gravity="0 0 0"/><worldbody>
 <geom name="drum" type="cylinder" size="0.05 0.03" euler="90 0 0" pos="0 0 1"/>
@@ -333,6 +333,32 @@ def test_a_geom_that_the_path_touches_in_another_pose_is_not_named() -> None:
     assert warned(m) == []
 
 
+def test_each_model_of_equal_structure_is_warned_of_once() -> None:
+    spec = mujoco.MjSpec.from_string(APART.format(name=(name := next(_names))))
+
+    def issued(length: float, joint: float = 0.05) -> int:
+        """Return the number of new warnings of a conduit that is too short."""
+        before = [line for line in warned() if "key `conduit`" in line]
+        cable = Cable(conduit=(Section(length, 1.0),), segments=5)
+        to_mjcf(spec, name, cable, ("motor", 0.02), ("knee", joint))
+        make_room(spec)
+        model = spec.compile()
+        text = model.plugin_attr.copy()
+        for _ in range(2):
+            data = mujoco.MjData(model)
+            mujoco.mj_step(model, data, 2)
+            write_cable(model, name, cable.replace(friction=0.2))
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_step(model, data, 2)
+            model.plugin_attr[:] = text
+        return sum("key `conduit`" in line for line in warned()) - len(before)
+
+    assert [issued(length) for length in (0.3, 0.3, 0.4, 5.5, 0.3)] == [1, 0, 1, 0, 0]
+    assert issued(0.3, joint=0.06) == 1
+    spec.body("knee").pos[0] += 0.1
+    assert [issued(0.3), issued(0.3)] == [1, 0]
+
+
 PAYS_OUT = "can only pay the cable out from its pose in `qpos0`"
 ORDERS = {
     "right": (("m", -0.02), ("j", 0.02), {}, None),
@@ -398,7 +424,8 @@ def test_an_end_that_can_never_pull_is_warned_of(case: str) -> None:
 APART = """<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody>
 <site name="a"/><site name="mouth" pos="5.2 0 0"/>
 <body><joint name="motor" armature="1e-3"/><geom size=".02" mass=".1"/></body>
-<body pos="5.3 0 0"><joint name="knee" armature="1e-3"/><geom size=".02" mass=".1"/>
+<body name="knee" pos="5.3 0 0"><joint name="knee" armature="1e-3"/>
+  <geom size=".02" mass=".1"/>
   <site name="b" pos=".1 0 0"/></body></worldbody>
 <tendon><spatial name="{name}"><site site="a"/><site site="mouth"/><site site="b"/>
 </spatial></tendon></mujoco>"""

@@ -212,6 +212,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
     if block.route >= 0:
         messages.warn_missed(model, data, block)
     messages.warn_cannot_pull(model, block)
+    messages.warn_ignored(model, block)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
     limits(model, data, instance, longest.ctypes.data)

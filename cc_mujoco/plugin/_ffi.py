@@ -87,8 +87,8 @@ class _Message(ctypes.Structure):
 
     _fields_ = (
         ("used", ctypes.c_int64),
-        ("about", ctypes.c_int64),  # digest of the model that it is about
         ("text", ctypes.c_uint8 * _CAPACITY),
+        ("about", ctypes.c_int64),  # digest of the model that it is about
     )
 
 
@@ -254,7 +254,10 @@ def append_label(message: Message, name: Bytes, index: int) -> None:
 
 @internal
 def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
-    """Append `value` times 1000, rounded down to three decimals, and its `unit`."""
+    """Append `value` times 1000, rounded down to three decimals, and its `unit`.
+
+    Numbers from 1e12 on and those below 0.01 have an exponent.
+    """
     if value < 0.0:
         append(message, "-")
     value, exponent = abs(value), 0
@@ -268,12 +271,15 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
             value /= 10.0
             exponent += 1
         value *= 1e-3
+    while 0.0 < value < 1e-5 or (exponent < 0 and value < 1e-3):
+        value *= 10.0
+        exponent -= 1
     millionths = int(1e6 * value * (1.0 + 1e-12))
     append_integer(message, millionths // 1000)
     append(message, ".")
     for digit in (100, 10, 1):
         append_integer(message, millionths // digit % 10)
-    if exponent > 0:
+    if exponent != 0:
         append(message, "e")
         append_integer(message, exponent)
     append(message, unit)

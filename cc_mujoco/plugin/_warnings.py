@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from mujoco import mjtDisableBit, mjtJoint, mjtWrap
+from mujoco import mjtDisableBit, mjtDyn, mjtJoint, mjtWrap
 
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
@@ -37,6 +37,8 @@ NO_STATE = (
     "its part of `plugin_state` is not that of a cable, as `dissipated` is below 0 J "
     "or not finite; restore one that was saved, or reset the data"
 )
+_IGNORED = "delay", "dyntype", "actdim", "ctrlrange"
+"""Attributes that <plugin> accepts and MuJoCo does not use for a plugin's force."""
 _PATH = 2
 """Index of the path among a cable's parts; 0 and 1 are the proximal and distal end."""
 
@@ -428,6 +430,52 @@ def _cannot_pull_reason(
             "the actuators must come in the order of the route, that of the motor first"
         )
     return ""
+
+
+@internal
+def _has_ignored(model: MjModel, actuator: int, which: int) -> bool:
+    """Return whether an end has the attribute at index `which` of `_IGNORED`."""
+    if which == 0:
+        return bool(model.actuator_delay[actuator] != 0.0)
+    is_dynamic = bool(model.actuator_dyntype[actuator] != mjtDyn.mjDYN_NONE)
+    if which == 1:
+        return is_dynamic
+    if which == 2:
+        return bool(model.actuator_actnum[actuator] != 0 and not is_dynamic)
+    return bool(model.actuator_ctrllimited[model.actuator_ctrladr[actuator]] != 0)
+
+
+@internal
+def warn_ignored(model: MjModel, block: Block) -> None:
+    """Warn, once, of attributes and elements that do nothing for an instance."""
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+    message = begin_message(room.ctypes.data, model, block.instance, block)
+    start = message.used
+    for end in range(2):
+        for which in range(len(_IGNORED)):
+            if _has_ignored(model, block.actuators[end], which):
+                message.used = start
+                attachments.blame(message, model, block.actuators[end], " has `")
+                ffi.append(message, _IGNORED[which])
+                ffi.append(
+                    message,
+                    "`, its own or that of a default, which has no effect, as the "
+                    "cable alone sets the force of its ends; take it away there, and "
+                    "give it to the actuator of the motor",
+                )
+                issue_once(message)
+    for body in range(model.nbody):
+        if model.body_plugin[body] == block.instance:
+            message.used = start
+            ffi.append(message, "its <plugin> in body ")
+            name = ffi.name(model, model.name_bodyadr[body])
+            ffi.append_label(message, name, body)
+            ffi.append(
+                message,
+                " has no effect; take it away there, as a cable acts by its two "
+                "actuators alone",
+            )
+            issue_once(message)
 
 
 @internal

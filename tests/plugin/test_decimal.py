@@ -104,7 +104,7 @@ def test_every_float_is_written_in_thousandths(value: float) -> None:
             assert text == f"{abs(value) if math.isnan(value) else value}{unit}"
             continue
         number = float(Decimal(text.removesuffix(unit)) / 1000)
-        assert math.isclose(number, value, rel_tol=1e-3, abs_tol=1e-6)
+        assert math.isclose(number, value, rel_tol=1e-3, abs_tol=1e-323)
         assert abs(number) <= abs(value) * (1.0 + 1e-11)
 
 

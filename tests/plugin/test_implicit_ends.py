@@ -430,4 +430,4 @@ def test_cables_that_pass_the_limit_only_together_stay_explicit_and_are_warned_o
         found.append(d.qpos.copy())
     mujoco.set_mju_user_warning(None)
     assert found[0].tobytes() == found[1].tobytes()
-    assert sum("its proximal end is stable only with" in text for text in said) == 12
+    assert sum("its proximal end is stable only with" in text for text in said) == 24

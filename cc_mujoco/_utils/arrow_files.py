@@ -87,7 +87,7 @@ def _csv_batches(
 ) -> Iterator[pa.RecordBatch]:
     # Names of their own, for the file's may be there twice.
     own = [name if name in names else f"#{k}" for k, name in enumerate(form.names)]
-    blank = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a"]
+    blank = ["", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "<NA>", "N/A", "n/a"]
     kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())
     try:
         reader = pa_csv.open_csv(
@@ -103,7 +103,7 @@ def _csv_batches(
             pa_csv.ConvertOptions(
                 include_columns=names,
                 column_types=kinds,
-                null_values=[*blank, "null", "NULL", "None"],
+                null_values=[*blank, "#N/A", "null", "NULL", "None"],
                 strings_can_be_null=True,
                 decimal_point=form.decimal,
             ),
@@ -138,8 +138,12 @@ def _csv_error(
                                 f"{where} is a second line of names; split recordings "
                                 "that were joined."
                             )
+                        hint = ""
+                        if rows + k == 0 and not any(map(str.isdigit, cell)):
+                            hint = "; delete a row of units, a column's name may end in"
+                            hint += " its unit"
                         return CableError(
-                            f"{where}: {cell.strip()[:40]!r} must be a number."
+                            f"{where}: {cell.strip()[:40]!r} must be a number{hint}."
                         )
             rows += batch.num_rows
     except pa.ArrowInvalid as other:

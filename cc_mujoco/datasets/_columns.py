@@ -5,12 +5,14 @@ alone (`motor_angle_deg` for `data.motor_angle_deg`) if only one column has that
 """
 
 import difflib
+import json
 import re
 from collections.abc import Collection, Sequence
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
 from cc_mujoco.errors import CableError, naming
+from cc_mujoco.report._html import list_words
 
 DATASET_FILE = "dataset.toml"
 
@@ -53,7 +55,9 @@ def _only_column(where: str, places: Sequence[str], channel: str) -> str | None:
     return distinct[0] if distinct else None
 
 
-def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
+def time_column(
+    where: str, names: Sequence[str], given: PartFile, file: DatasetFile
+) -> tuple[str, str]:
     if given.time is not None:
         places = [find_column(where, channels.TIME, given.time, names)]
     else:
@@ -62,6 +66,9 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
         places = places or columns_named("__time", names) or [*stamp_columns(names)]
     name = _only_column(where, places, channels.TIME)
     if name is None:
+        absent = [c for c in channels.REQUIRED_CHANNELS if _is_absent(c, names, file)]
+        if draft := _draft(where, absent, names, file):
+            raise CableError(draft)
         raise _missing_column(where, channels.TIME, channels.TIME, names)
     spelled = channels.unit_of(name, channels.CLOCK)
     return name, given.unit or spelled or channels.CLOCK.unit
@@ -103,16 +110,73 @@ def channel_sources(
             found[channel] = column
         elif channel in needed or channel in file.columns:
             absent.append(channel)
+    absent = [
+        channel
+        for channel in absent
+        if not (channel in channels.TORQUES and file.has_substitute(channel, found))
+    ]
+    if draft := _draft(where, absent, names, file):
+        raise CableError(draft)
     for channel in absent:
-        if not (channel in channels.TORQUES and file.has_substitute(channel, found)):
-            taken = list(found.values())
-            raise _missing_column(where, channel, channel, names, taken)
+        taken = list(found.values())
+        raise _missing_column(where, channel, channel, names, taken)
     return found
 
 
 def _spelled_columns(channel: str, names: Sequence[str]) -> list[str]:
     own = channels.spellings(channel)
     return [full for word in own for full in columns_named(word, names)]
+
+
+def _is_absent(channel: str, names: Sequence[str], file: DatasetFile) -> bool:
+    source = file.source(channel)
+    mapped = source.name is not None or not source.measured
+    return not (mapped or _spelled_columns(channel, names))
+
+
+def _draft(
+    where: str, absent: Sequence[str], names: Sequence[str], file: DatasetFile
+) -> str:
+    """Return an error that maps several `absent` channels, "" if no more than one.
+
+    Its lines are TOML as it is, with the unit that a column's name ends in, or SI.
+    """
+    lines: list[str] = []
+    used = {file.source(channel).name for channel in file.columns}
+    for channel in absent:
+        free = _free_columns(channel, [name for name in names if name not in used])
+        free = [n for n in free if channel.partition("_")[0] in _sides(n)] or free
+        measured = channels.kind_of(channel)
+        same_kind = [name for name in free if channels.unit_of(name, measured)]
+        spelled = channel.rpartition("_")[0].replace("_", " ")
+        column = _nearest_name(spelled, same_kind, 0.0) or _nearest_name(spelled, free)
+        if column:
+            used.add(column)
+            unit = channels.unit_of(column, measured) or measured.unit
+            pair = f"name = {_quoted(column)}, unit = {_quoted(unit)}"
+            lines.append(f"columns.{channel} = {{ {pair} }}")
+    if len(lines) < 2:
+        return ""
+    listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return (
+        f"{where} has no columns {list_words(absent)}, only {listing}; check these "
+        f"lines and put them at the top of {DATASET_FILE}:\n" + "\n".join(lines) + "\n"
+    )
+
+
+def _quoted(text: str) -> str:
+    return repr(text) if "'" not in text and text.isprintable() else json.dumps(text)
+
+
+def _free_columns(channel: str, names: Sequence[str]) -> list[str]:
+    taken = set[str]().union(*map(channels.spellings, channels.REQUIRED_CHANNELS))
+    return [
+        name
+        for name in names
+        if name not in taken
+        and not channels.tension_channel(name)
+        and not _names_other_side(name, channel)
+    ]
 
 
 def _missing_column(
@@ -130,9 +194,7 @@ def _missing_column(
     if twice := [n for n in dict.fromkeys(names) if names.count(n) > 1]:
         missing += f" ({' and '.join(map(repr, twice))} more than once)"
     measured = channels.kind_of(channel)
-    taken = {*used}.union(*map(channels.spellings, channels.REQUIRED_CHANNELS))
-    free = [n for n in names if n not in taken and not channels.tension_channel(n)]
-    free = [n for n in free if not _names_other_side(n, channel)]
+    free = _free_columns(channel, [name for name in names if name not in used])
     same_kind = [n for n in free if channels.unit_of(n, measured)]
     if column := _nearest_name(name, same_kind, 0.0):
         return CableError(
@@ -165,14 +227,24 @@ def _missing_column(
 
 
 def _names_other_side(column: str, channel: str) -> bool:
-    joint = "joint handle output distal load finger wrist elbow shoulder hip knee ankle"
-    sides = {"motor": "motor drive actuator proximal input pulley", "joint": joint}
-    word, own = column.lower(), channel.partition("_")[0]
-    named = [s for s, words in sides.items() if any(w in word for w in words.split())]
+    side, named = channel.partition("_")[0], _sides(column)
+    return side in _SIDES and bool(named) and side not in named
+
+
+_SIDES = {
+    "motor": "motor drive actuator proximal input pulley",
+    "joint": "joint handle output distal load finger wrist elbow shoulder hip knee "
+    "ankle",
+}
+
+
+def _sides(column: str) -> list[str]:
+    """Return the sides of the transmission that a column's name states."""
+    word = column.lower()
+    named = [s for s, words in _SIDES.items() if any(w in word for w in words.split())]
     short = {"m": "motor", "mot": "motor", "j": "joint", "jnt": "joint"}
     parts = re.split(r"[^a-z]+", re.sub(r"\bn[ .*]m\b", "", word))
-    named += [short[part] for part in parts if part in short]
-    return own in sides and bool(named) and own not in named
+    return [*named, *(short[part] for part in parts if part in short)]
 
 
 def _nearest_name(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:

@@ -265,7 +265,7 @@ class _Table:
         given = replace(
             given, time=given.time or source.name, unit=given.unit or source.unit
         )
-        time, unit = columns.time_column(str(part.path), names, given)
+        time, unit = columns.time_column(str(part.path), names, given, file)
         offset = source.offset if given.offset is None else given.offset
         return cls(part, names, time, channels.CLOCK.factors[unit], offset)
 

@@ -71,6 +71,10 @@ def channel_name(name: str) -> str:
 
 
 def capitalise(text: str) -> str:
+    """Return a sentence that begins with a capital, or as it is with a file or name."""
+    first = text.partition(" ")[0].rstrip(",:;.")
+    if any(sign in first for sign in "/\\._"):
+        return text
     return text[:1].upper() + text[1:]
 
 

@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco._utils import tables
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._dataset_file import DatasetFile, Source
+from cc_mujoco.datasets._dataset_file import DatasetFile, Source, read_dataset_file
 from cc_mujoco.datasets._folders import data_files, find_dataset_file
 from cc_mujoco.datasets._reading import read
 from cc_mujoco.errors import CableError
@@ -235,6 +236,33 @@ def test_a_column_in_another_unit_is_offered_with_its_conversion(
 
 
 @pytest.mark.parametrize(
+    "top",
+    [
+        "time,Motor Pos [deg],Motor Torque [Nm],Joint Pos [deg],Joint Torque [Nm]",
+        "t (ms);q_motor_deg;tau motor [mNm];q_joint_deg;tau joint [mNm]",
+        'Time [s],drive\'s angle [rev],drive torque [Nm],"load"_angle_rad,torque_nm',
+    ],
+)
+def test_lines_that_map_all_columns_are_offered_and_valid(
+    tmp_path: Path, top: str
+) -> None:
+    first = "1000;180;1000;90;500" if ";" in top else "1,0.5,1,0.25,0.5"
+    path = put(tmp_path, text(f"{first}\n", top))
+    with pytest.raises(CableError, match="has no columns time_s") as told:
+        read(path, DatasetFile())
+    mapping = tmp_path / "dataset.toml"
+    mapping.write_text(str(told.value).partition("\n")[2], "utf-8")
+    found = read(path, read_dataset_file(mapping))
+    names = sorted(found.labels.values())
+    assert names == sorted(tables.column_names(path))
+
+
+def test_a_missing_reading_of_a_spreadsheet_is_missing(tmp_path: Path) -> None:
+    found = read(put(tmp_path, text("0,1,#N/A,3,4\n1,1,2,3,<NA>\n")), DatasetFile())
+    assert np.isnan(found.values["motor_torque_nm"]).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
     ("channel", "column", "advice"),
     [
         ("motor_angle_rad", "motor_speed_rpm", "its integral"),
@@ -290,7 +318,7 @@ def test_tensions_and_temperature_are_taken_along(tmp_path: Path) -> None:
         (text("0,1,2,3,4\n1,1,x1,1,1\n"), "motor_torque_nm, row 2 .* 'x1' must be"),
         (text("0,1,2,3,4\n1,1,1\n"), "is not a table: .* 5 cells"),
         (text("0,1,2,3,4,5\n"), "is not a table"),
-        (text("s,rad,Nm,rad,Nm\n0,1,2,3,4\n"), "row 1 of the data: 's' must be"),
+        (text("s,rad,Nm,rad,Nm\n0,1,2,3,4\n"), "row 1 .* 's' must .* delete a row of"),
         (text("12:00:01.5,1,2,3,4\n"), "'12:00:01.5' must be a number"),
         (text("0,1,2,3,4,maybe\n", f"{TOP},valid"), "'maybe' must be a number"),
         (text("0,1,2,3,4,9\n", f"{TOP},time_s"), "2 columns time_s"),

@@ -31,7 +31,7 @@ from cc_mujoco.benchmark._position import (
     PositionCondition,
     position_drives,
 )
-from cc_mujoco.benchmark._user_entry import Entry
+from cc_mujoco.benchmark._user_entry import Entry, end_entries
 from cc_mujoco.control import Controller, PlantsController, Unpowered
 from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import UNPLUGGED, DeviceModel, Plant
@@ -64,6 +64,7 @@ ANGLE_SCORES = _metrics(
 SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)  # with a fault of sensor or strap
 EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))  # in this order
 CUT_SHARE = "cut_share"  # column: an entry's torques beyond the motor's, as a share
+FAILURE = "failure"  # column: reason why the episode ended early, else empty
 
 
 @dataclass(frozen=True)
@@ -246,15 +247,13 @@ def play(cell: Cell) -> CellResult:
 
 def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     """Simulate a group from `batch_groups`, each cell as if it were alone."""
-    made = prepare_episodes(cells)
+    end_entries()
+    try:
+        made = prepare_episodes(cells)
+        rows = _play(made, isinstance(cells[0].condition, PositionCondition))
+    except CableError as error:
+        raise CableError(f"{_places(cells)}: {error}") from error
     batch = made.batch
-    names = ["joint_angle_rad", "joint_torque_nm", "desired_torque_nm"]
-    names += ["phase_sine", "phase_cosine", "motor_torque_nm"]
-    if isinstance(cells[0].condition, PositionCondition):
-        names.append(REFERENCE_COLUMN)
-    kept = [prefix + name for prefix in batch.prefixes for name in names]
-    kept += ["least_tension_n", "tension_n"]
-    rows: dict[str, NDArray[Any]] = {**batch.play(made.law, made.sensors.measure, kept)}
     time = np.arange(batch.steps + 1, dtype=float) * batch.exo.period
     cut = _cut_shares(made.law)
     count = len(cells[0].seeds)
@@ -272,10 +271,34 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         trace = _trace_columns(cell, part, batch.prefixes) if usual else {}
         scores = _scores(cell, part, made)
         about = _plant_columns(made, own)
+        about[FAILURE] = batch.failed[own]
         if cut:
             about[CUT_SHARE] = cut[own]
         found.append(CellResult(scores, about, trace))
     return found
+
+
+def _places(cells: Sequence[Cell]) -> str:
+    """Return words for conditions and seeds, as `wrist ordinary-rough, seeds 0, 1`."""
+    names = list(dict.fromkeys(cell.condition.name for cell in cells))
+    if len(names) > 3:
+        names[2:] = [f"{len(names) - 2} others"]
+    seeds = ", ".join(map(str, cells[0].seeds[:5]))
+    more = ", ..." if len(cells[0].seeds) > 5 else ""
+    which = "seeds" if len(cells[0].seeds) > 1 else "seed"
+    return f"{cells[0].condition.label} {', '.join(names)}, {which} {seeds}{more}"
+
+
+def _play(made: CellSetup, of_angle: bool) -> dict[str, NDArray[Any]]:
+    """Play the episodes; return the columns that scores need (steps + 1, episodes)."""
+    batch = made.batch
+    names = ["joint_angle_rad", "joint_torque_nm", "desired_torque_nm"]
+    names += ["phase_sine", "phase_cosine", "motor_torque_nm"]
+    if of_angle:
+        names.append(REFERENCE_COLUMN)
+    kept = [prefix + name for prefix in batch.prefixes for name in names]
+    kept += ["least_tension_n", "tension_n"]
+    return {**batch.play(made.law, made.sensors.measure, kept)}
 
 
 def _cut_shares(law: Controller) -> list[float]:

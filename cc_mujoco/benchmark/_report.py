@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cc_mujoco.benchmark import _ranking as ranking
-from cc_mujoco.benchmark._cell import CUT_SHARE, EVERY_SCORE, ranked_score
+from cc_mujoco.benchmark._cell import CUT_SHARE, EVERY_SCORE, FAILURE, ranked_score
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
 from cc_mujoco.benchmark._ranking import Place
 from cc_mujoco.benchmark._results import (
@@ -152,17 +152,18 @@ def _fold(title: str, *parts: str) -> str:
 
 
 def divergence_sentences(results: Results) -> list[str]:
-    """Return a sentence per controller with the number of its diverged episodes."""
-    lost: dict[str, list[Array]] = {}
+    """Return a sentence per controller on episodes that ended early, and the reason."""
+    found: dict[str, list[str]] = {}
     for cell, played in results:
-        values = np.isnan(played.scores[ranked_score(played.scores)])
-        lost.setdefault(cell.controller, []).append(values)
-    episodes = {law: np.concatenate(values) for law, values in lost.items()}
+        at = f"{cell.condition.label} {cell.condition.name}, seed"
+        each = zip(cell.seeds, played.plants[FAILURE], strict=True)
+        own = found.setdefault(cell.controller, [])
+        own += [why and f"{at} {seed}: {why}" for seed, why in each]
     return [
-        f"{controller_label(law)} diverged, or gave a torque that is no number, "
-        f"in {int(values.sum())} of {values.size} episodes."
-        for law, values in episodes.items()
-        if values.any()
+        f"{controller_label(law)} ended {len(reasons) - reasons.count('')} of "
+        f"{len(reasons)} episodes early; the first: {next(filter(None, reasons))}."
+        for law, reasons in found.items()
+        if any(reasons)
     ]
 
 

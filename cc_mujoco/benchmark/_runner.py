@@ -227,7 +227,10 @@ def run(
     else:
         playing = run_on_cluster(plan, pieces, scheduler, count, worker_timeout)
     with contextlib.closing(playing):
-        for number, found in playing if pieces else ():
+        finished: Iterable[tuple[int, Any]] = playing if pieces else ()
+        if plan.key:  # an entry could read plants and errors of its own plants
+            finished = list(finished)
+        for number, found in finished:
             for cell, tables in zip(pieces[number], found, strict=True):
                 for file, table in zip(_files(cell), tables, strict=True):
                     with replacing(folder / file) as partial:
@@ -308,7 +311,6 @@ def time_steps(cell: Cell) -> tuple[float, float]:
         begun = time.thread_time()
         law.torque(one)
         spent = time.thread_time() - begun
-        # Not the time that it takes to ask the process of an entry.
         taken.append(law.spent if isinstance(law, Entry) else spent)
         return seen
 

@@ -3,10 +3,10 @@
     law = Entry("my_module:my_function", drives, prefixes)     # a `Controller`
     torque = law.torque(measured)
 
-The benchmark's process sends it the drive and the measurements as bytes and receives
-torques, nothing else. So code of a user cannot change plants, scores or other entries
-by changing Python objects, and does not get seeds. One process serves an entry until
-the benchmark ends.
+The benchmark's process, the judge, sends it the drive and the measurements as bytes and
+receives torques, nothing else: plants, seeds, key and scores stay where they are. On
+Linux `_confinement` closes other ways to them. The judge measures the time of a step. A
+process ends with its cells (`end_entries`), so that an entry remembers no plant.
 """
 
 import atexit
@@ -21,6 +21,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -30,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco.benchmark import _confinement as confinement
 from cc_mujoco.control import Controller
 from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import limit_torques
@@ -37,12 +39,19 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
 _LENGTH_HEADER = struct.Struct("<q")
-_ANSWER_HEADER = struct.Struct("<qqqqd")
-"""Key, number of dimensions (0 to 2), the first two of them or 1, time taken [s]."""
+_ANSWER_HEADER = struct.Struct("<qqqq")
+"""Key, number of dimensions (0 to 2), the first two of them or 1."""
 
 ANSWER_TIME = 120.0  # for an answer on all plants, with compilation [s]
 
 _processes: "dict[str, _Process]" = {}  # of every entry that this one judges
+_files: dict[str, dict[str, str]] = {}  # digests of the files that entries loaded
+
+
+def end_entries() -> None:
+    """End the processes of all entries; the next `Entry` of each starts another."""
+    while _processes:
+        _processes.popitem()[1].end()
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
@@ -55,7 +64,7 @@ def controller_provenance(*names: str) -> dict[str, Any]:
         *(n for other in others for n in registry.named_laws(other))
     )
     for name in filter(registry.runs_code, names):
-        found["files"] |= _processes[name].files
+        found["files"] |= _files[name]
     return found
 
 
@@ -95,9 +104,16 @@ class Entry(Controller):
             _processes[name] = _Process(name)
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
-        self.spent = 0.0  # processor time of the last torque, by the entry [s]
         # Calls, and for each plant how many gave a torque beyond the motor's
         self.calls, self.cut = 0, np.zeros(len(drives))
+
+    @property
+    def spent(self) -> float:
+        """Time of the last answer with that of its pipe [s].
+
+        On Linux it is processor time since the answer before, by the kernel.
+        """
+        return self._process.spent
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         self._process.ask("reset", self._key, where)
@@ -105,7 +121,7 @@ class Entry(Controller):
     def torque(self, observation: Mapping[str, Any]) -> Any:
         answer = self._process.ask("torque", self._key, dict(observation))
         try:
-            _, dimensions, *shape, self.spent = _ANSWER_HEADER.unpack_from(answer)
+            _, dimensions, *shape = _ANSWER_HEADER.unpack_from(answer)
             values = np.frombuffer(answer, dtype=np.float64, offset=_ANSWER_HEADER.size)
             torque = values.copy().reshape(shape[: max(dimensions, 0)])
         except (struct.error, ValueError):
@@ -124,16 +140,21 @@ class _Process:
     def __init__(self, name: str) -> None:
         self._name = name
         self._due = math.inf  # time on the monotonic clock when an answer is too late
-        self.files: dict[str, str] = {}
+        self.spent = self._counted = 0.0
+        self._folder = tempfile.TemporaryDirectory(prefix="cc_mujoco_entry_")
+        confinement.hide_memory()
+        own = self._folder.name
         program = (
-            f"import sys; sys.path[:] = {[place for place in sys.path if place]!r}; "
+            f"import runpy; runpy.run_path({confinement.__file__!r})['confine']({own!r}"
+            f"); import sys; sys.path[:] = {[place for place in sys.path if place]!r}; "
             "from cc_mujoco.benchmark._user_entry import serve; serve()"
         )
         self.process = subprocess.Popen(
-            [sys.executable, "-c", program],
+            [sys.executable, "-P", "-c", program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # an interruption is the judge's alone
+            env={**os.environ, "TMPDIR": own},
         )
         atexit.register(self.end)
         threading.Thread(target=self._end_when_due, daemon=True).start()
@@ -153,24 +174,28 @@ class _Process:
         files = answer.get("files") if isinstance(answer, dict) else None
         if not isinstance(files, dict):
             raise CableError(f"controller {self._name!r} did not say what it is of.")
-        self.files = {str(name): str(digest) for name, digest in files.items()}
+        _files[self._name] = {str(name): str(it) for name, it in files.items()}
         return int(answer["key"])
 
     def ask(self, what: str, key: int, about: Any) -> bytes:
         """Return the answer to a request; raise `CableError` if the process fails."""
         assert self.process.stdin is not None and self.process.stdout is not None
-        begun = time.monotonic()
-        self._due = begun + ANSWER_TIME
+        self._due = time.monotonic() + ANSWER_TIME
+        if sys.platform != "linux":
+            self._counted = time.perf_counter()
         try:
             _send(self.process.stdin, pickle.dumps((what, key, about)))
             answer = _receive(self.process.stdout)
             self._due = math.inf
+            now = _clock(self.process.pid)
+            self.spent, self._counted = now - self._counted, now
         except (OSError, EOFError):
             self.end()
             code = self.process.returncode
             if time.monotonic() > self._due:
                 called = "its function" if what == "make" else f"`{what}`"
-                where = f" in {', '.join(self.files)}" if self.files else ""
+                files = ", ".join(_files.get(self._name, ()))
+                where = f" in {files}" if files else ""
                 raise CableError(
                     f"controller {self._name!r} hangs{where}: {called} did not return "
                     f"within {ANSWER_TIME:g} s."
@@ -192,6 +217,18 @@ class _Process:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        if hasattr(os, "killpg"):  # what it started, too
+            with contextlib.suppress(OSError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+        self._folder.cleanup()
+        atexit.unregister(self.end)
+
+
+def _clock(process: int) -> float:
+    """Return the processor time of a process [s]; elsewhere than on Linux, the time."""
+    if sys.platform != "linux":
+        return time.perf_counter()
+    return time.clock_gettime((~process << 3) | 2)
 
 
 def _end_with_parent() -> None:
@@ -241,12 +278,10 @@ def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
         if what == "reset":
             law.reset(about)
             return b""
-        begun = time.thread_time()
         with np.errstate(all="ignore"):  # what diverged is not a number
             torque = np.asarray(law.torque(about), dtype=np.float64)
-        spent = time.thread_time() - begun
     shape = (*torque.shape, 1, 1)[:2]  # padded to two dimensions
-    header = _ANSWER_HEADER.pack(key, torque.ndim, *shape, spent)
+    header = _ANSWER_HEADER.pack(key, torque.ndim, *shape)
     return header + np.ascontiguousarray(torque).tobytes()
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import itertools
 import os
+import socket
+import tempfile
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,3 +68,76 @@ def cheat(drive: Any) -> Any:
     if kinds & {"Plant", "CellSetup", "Cell", "Measuring"}:
         raise RuntimeError("the judge is here")
     return lambda seen: 0.0 * seen["desired_torque_nm"]
+
+
+def prying(drive: Any) -> Any:
+    """Return a controller that raises with the names of its successful intrusions."""
+    judge, left = os.getppid(), Path(tempfile.gettempdir(), "left")
+    pages = Path(f"/proc/{judge}")
+
+    def trace() -> None:
+        if ctypes.CDLL(None).ptrace(16, judge, 0, 0):
+            raise OSError
+
+    ways: dict[str, Callable[[], object]] = {
+        "memory": lambda: (pages / "mem").open("rb"),
+        "environment": lambda: (pages / "environ").read_bytes(),
+        "files": lambda: os.readlink(pages / "fd" / "0"),
+        "folder": lambda: os.readlink(pages / "cwd"),
+        "trace": trace,
+        "signal": lambda: os.kill(judge, 0),
+        "write": lambda: Path("left").write_text(""),
+        "overwrite": lambda: Path(__file__).open("a"),
+        "socket": lambda: socket.create_connection(("127.0.0.1", 9)),
+        "earlier": left.read_text,
+    }
+    found = []
+    for name, way in ways.items():
+        try:
+            way()
+        except ConnectionRefusedError:  # it was free to connect
+            found.append(name)
+        except OSError:
+            continue
+        else:
+            found.append(name)
+    left.write_text("of use in another condition")
+    raise RuntimeError(f"ways: {found}")
+
+
+def scanning(drive: Any) -> Any:
+    """Return a controller that raises with the searched numbers its process holds.
+
+    They are in the file `SEARCHED` under a mask, so that none is here because of it.
+    """
+    mask = np.uint64(0x5A5A5A5A5A5A5A5A)
+    searched = np.fromfile(os.environ["SEARCHED"], np.uint64)
+
+    def law(seen: Any) -> Any:
+        found: set[int] = set()
+        for line in Path("/proc/self/maps").read_text().splitlines():
+            ends, rights, *_ = line.split()
+            if rights.startswith("rw"):
+                first, last = (int(end, 16) for end in ends.split("-"))
+                words = (ctypes.c_uint64 * ((last - first) // 8)).from_address(first)
+                held = np.isin(searched, np.frombuffer(words, np.uint64) ^ mask)
+                found.update(np.flatnonzero(held).tolist())
+        raise RuntimeError(f"held: {sorted(found)}")
+
+    return law
+
+
+def idle(drive: Any) -> Any:
+    """Return a controller that computes for 1 ms and denies it."""
+    from cc_mujoco.benchmark import _user_entry
+
+    time.thread_time = time.process_time = lambda: 0.0
+
+    def law(seen: Any) -> Any:
+        until = time.perf_counter() + 1e-3
+        while time.perf_counter() < until:
+            pass
+        return 0.0 * seen["desired_torque_nm"]
+
+    assert _user_entry
+    return law

@@ -270,7 +270,7 @@ def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() 
             "curious",
             r"raised KeyError in .*entries\.py, line \d+: 'tension_flexor.*; unknown",
         ),
-        ("ending", "ended its process, with exit code 7"),
+        ("ending", "wrist ordinary-rough, seeds 0, 1: .* process, with exit code 7"),
     ):
         with pytest.raises(CableError, match=why):
             play(dataclasses.replace(short, controller=f"benchmark.entries:{name}"))
@@ -303,7 +303,8 @@ def test_a_report_says_which_controller_gave_no_number(usual: dict[str, Any]) ->
     results = [(Cell(USUAL, name, (0,)), played) for name, played in usual.items()]
     results.append((cell := Cell(USUAL, WRONG, (0,)), play(cell)))
     tables = all_tables(results, "none")
-    assert "no number, in 1 of 1 episodes" in tables
+    assert "entries:wrong` ended 1 of 1 episodes early; the first: wrist " in tables
+    assert "ordinary-rough, seed 0: controller 'benchmark.entries:wrong' gave" in tables
     assert "nan" not in tables
     pareto(*by_device(results))
 

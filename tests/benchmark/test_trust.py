@@ -18,6 +18,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco._utils.provenance import read_provenance, with_provenance
 from cc_mujoco.benchmark import SUITES, BenchmarkPlan, Cell, _runner, play, run
+from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.benchmark._plant import new_key, sample_plants
 from cc_mujoco.benchmark._results import (
     _digest,
@@ -48,6 +49,49 @@ def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
         assert np.array_equal(values, again.scores[name], equal_nan=True)
     assert honest.scores["rms_torque_error"].min() > 0.1
     assert "entries.py" in "".join(controller_provenance(CHEAT)["files"])
+
+
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="Linux does it")
+
+
+def entered(name: str, **changes: Any) -> Cell:
+    """Return a short cell of an entry of `entries.py`."""
+    usual = next(c for c in SUITES["v1"].conditions("wrist") if c.usual)
+    usual = dataclasses.replace(usual, duration=1.05)
+    return Cell(usual, f"benchmark.entries:{name}", **changes)
+
+
+@LINUX
+def test_an_entry_reaches_neither_its_judge_nor_files_nor_what_it_left_before() -> None:
+    for _ in range(2):
+        with pytest.raises(CableError, match=r"seed 0: .* ways: \[\]"):
+            play(entered("prying"))
+    assert not Path("left").exists()
+
+
+@LINUX
+def test_the_process_of_an_entry_holds_beliefs_and_no_number_of_the_plant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = entered("scanning")
+    (drawn,) = sample_plants(cell.condition, (0,))
+    made = prepare_episodes([dataclasses.replace(cell, controller="none")])
+    names = "friction", "axial_stiffness", "pretension"
+    actual = drawn.plant.cables["flexor"]
+    believed = made.drives[0][0].cables[0].cable
+    numbers = [getattr(cable, n) for cable in (actual, believed) for n in names]
+    searched = np.array([*numbers, drawn.bias[0][0]]).view(np.uint64)
+    (searched ^ np.uint64(0x5A5A5A5A5A5A5A5A)).tofile(tmp_path / "searched")
+    monkeypatch.setenv("SEARCHED", str(tmp_path / "searched"))
+    with pytest.raises(CableError, match=r"held: \[3, 4, 5\]"):
+        play(cell)
+
+
+@LINUX
+def test_the_judge_measures_the_time_of_a_step_whatever_the_entry_says() -> None:
+    median, _ = _runner.time_steps(entered("idle"))
+    assert 0.8e-3 < median < 2e-3  # of processor time, so not of other processes
+    assert 0.0 < _runner.time_steps(entered("strong"))[0] < 1e-3
 
 
 @pytest.fixture(scope="module")

@@ -279,7 +279,9 @@ class _FileColumns(_Columns):
         listed = pa.types.is_fixed_size_list(field.type)
         shape = (field.type.list_size,) if listed else ()
         kind = field.type.value_type if listed else field.type
-        found = np.empty((len(samples), *shape), dtype=kind.to_pandas_dtype())
+        # `to_pandas_dtype` needs pandas in pyarrow 18.
+        dtype = pa.nulls(0, kind).to_numpy(zero_copy_only=False).dtype
+        found = np.empty((len(samples), *shape), dtype=dtype)
         groups = np.searchsorted(self._starts, samples, side="right") - 1
         with pq.ParquetFile(self._path, metadata=self._footer) as file:
             for group in np.unique(groups).tolist():

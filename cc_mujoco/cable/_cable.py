@@ -135,7 +135,7 @@ class Section(NamedTuple):
     """
 
     length: float
-    radius: float
+    radius: float = math.nan  # refused by `Cable`, in a sentence
     clearance: float = 1.0
     seating: float = 1.0
 
@@ -244,6 +244,8 @@ class Cable:
             raise self._refusal("segments")
         try:
             sections = tuple(Section(*map(float, each)) for each in self.conduit)
+            if any(math.isnan(section.radius) for section in sections):
+                raise ValueError
         except (TypeError, ValueError):
             allowed = (
                 "sections, each a length and a radius in metres, and perhaps factors "

@@ -159,6 +159,11 @@ def add_cable(
             f"cable {name!r} exists already; give the new one another name."
         )
     specs.require_parameters(parameters, ("route", "path", "mouth", "conduit"))
+    if isinstance(route, str) or not isinstance(route, Iterable):
+        raise CableError(
+            f"cable {name!r}: route is {route!r}; it must be a list of sites, or of "
+            "bodies with positions, e.g. [('pelvis', (0, 0, 0.1)), 'ankle']."
+        )
     winch = {
         "torque_limit": torque_limit, "rotor_inertia": rotor_inertia,
         "rotor_damping": rotor_damping, "motor_mass": motor_mass,
@@ -275,7 +280,7 @@ def _cable(
         where = f"cable {drive.name!r}"
         given["conduit"] = Cable.from_config({"conduit": conduit}, where).conduit
     elif conduit is not None:
-        given["conduit"] = tuple(conduit)
+        given["conduit"] = conduit
     else:
         drawn = spec.copy()
         with specs.plain_errors():

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import cc_mujoco
 from cc_mujoco.assets import scene_path
 from cc_mujoco.cable._conduit import end_stiffness
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin import (
     cables,
     from_mjcf,
@@ -163,6 +163,12 @@ def test_a_kept_rope_keeps_the_relation_of_motor_and_joint() -> None:
     # Friction holds the joint within 0.03 rad of where nothing pulls.
     assert abs(offset["keep"] - offset["true"]) < 0.03
     assert abs(offset["remount"] - offset["true"]) > 0.4
+
+
+def test_settling_a_model_without_cables_is_warned_of() -> None:
+    m = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    with pytest.warns(CableWarning, match="settle finds no cable"):
+        settle(m, mujoco.MjData(m))
 
 
 def test_another_rope_is_refused() -> None:

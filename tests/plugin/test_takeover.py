@@ -277,6 +277,17 @@ def test_a_load_that_dry_friction_holds_does_not_fall_into_the_cable(seed: int) 
     assert "what the dry friction holds in qpos0" in str(report)
 
 
+@pytest.mark.parametrize("given", [{}, {"axial_stiffness": 9e3}])
+def test_the_stiffness_of_a_tendon_without_a_load_is_reported(
+    given: dict[str, float],
+) -> None:
+    spec = mujoco.MjSpec.from_string(arm(0, ""))
+    report = cc_mujoco.add_friction(spec, "t", friction=0.1, **given)
+    (cable,) = cc_mujoco.from_mjcf(spec).values()
+    assert cable.axial_stiffness == given.get("axial_stiffness", 4e3)
+    assert f"axial_stiffness {cable.axial_stiffness:g} N: it str" in str(report)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_spring_alone_becomes_a_band(seed: int) -> None:
     report = assert_moves_alike(

@@ -503,6 +503,7 @@ def _account(
         lines += accounts.describe_winch(original, spec, winch)
         if held > 0.0 and "pretension" not in takeover.given:
             lines.append(f"pretension {held:g} N: what the dry friction holds in qpos0")
+    if not burden.is_band:
         lines.append(_stretch_line(takeover, original.opt.timestep))
     lines.append(accounts.order_line(model, names, original.nu))
     for summary in (summaries[name] for name in names):

@@ -18,4 +18,6 @@ rsl_rl; `save_policy` saves the policies that they train.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [name for name in _names if name not in ("RslRl", "StableBaselines")]
+"""Names that need no training library."""

@@ -320,8 +320,13 @@ def write_policy(
 
     Raises:
         CableError: If the network is not for as many numbers as are observed, or as
-            many motors.
+            many motors, or the name of the file ends otherwise.
     """
+    if not os.fspath(path).endswith(".safetensors"):
+        raise CableError(
+            f"a policy is written as *.safetensors, not to {os.fspath(path)!r}; name "
+            "such a file."
+        )
     each = (observed,) if isinstance(observed, Observed) else tuple(observed)
     _require_fit(network, each)
     tensors = {"mean": network.mean, "deviation": network.deviation}

@@ -57,6 +57,16 @@ def written(path: Path, *observed: Observed, **given: Any) -> str:
     return name
 
 
+@pytest.mark.parametrize("name", ["policy.zip", "policy", "policy.pt"])
+def test_a_policy_is_written_to_no_other_kind_of_file(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    with pytest.raises(CableError, match=rf"as \*\.safetensors, not to '.*{name}'"):
+        write_policy(path, network(OBSERVED), OBSERVED)
+    assert not path.exists()
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_a_policy_acts_as_its_network_in_its_environment(
     name: str, tmp_path: Path

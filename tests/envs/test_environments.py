@@ -7,6 +7,8 @@ import inspect
 import json
 import pickle
 import re
+import subprocess
+import sys
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -68,6 +70,16 @@ def same(a: Any, b: Any) -> bool:
 def test_gymnasium_has_nothing_to_complain_about(name: str) -> None:
     env = gymnasium.make(name, duration=0.5)
     check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_all_names_are_imported_without_a_training_library() -> None:
+    code = (
+        "import sys\n"
+        "sys.modules |= dict.fromkeys(('rsl_rl', 'stable_baselines3', 'torch'))\n"
+        "from cc_mujoco.envs import *\n"
+        "assert DeviceVectorEnv and save_policy and 'RslRl' not in globals()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
 
 
 @pytest.mark.usefixtures("gl")

@@ -7,6 +7,7 @@ display is needed, but OpenGL and PyAV (`pip install 'cc_mujoco[video]'`) are.
 """
 
 import os
+import textwrap
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -93,8 +94,12 @@ def _draw_surroundings(
     with style():
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
-        top = 1 - 22 / height
-        figure.text(14 / width, top, episode_title(log), fontsize=11, va="center")
+        title = textwrap.wrap(episode_title(log), 105)  # characters above the scene
+        place, size = (
+            (14 / width, 1 - 22 / height),
+            min(11.0, 24.0 / max(len(title), 1)),
+        )
+        figure.text(*place, "\n".join(title), fontsize=size, va="center")
         _draw_scale(figure, highest)
         plots = _draw_plots(figure, log, opacity)
         canvas.draw()  # type: ignore[no-untyped-call]

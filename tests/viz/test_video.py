@@ -120,6 +120,39 @@ def test_the_moment_is_marked_where_the_time_axis_has_it(make_log: Any) -> None:
         before = ink
 
 
+@pytest.mark.parametrize("count", [1, 8, 20])
+def test_a_title_of_any_length_stays_above_the_scene(
+    make_log: Any, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    log, title = make_log(), ", ".join(count * ["left_knee=spring:2"])
+    monkeypatch.setattr(video, "episode_title", lambda _: "")
+    plain = Strips(log, 20.0).frame(np.zeros((632, 760, 3), np.uint8), 0.0).copy()
+    monkeypatch.setattr(video, "episode_title", lambda _: title)
+    frame = Strips(log, 20.0).frame(np.zeros((632, 760, 3), np.uint8), 0.0)
+    rows, columns = np.nonzero((frame != plain).any(axis=2))
+    top, left = LAYOUT.scene[0], LAYOUT.plots[0]
+    assert 0 < rows.min() and rows.max() < top and columns.max() < left - 20
+    assert columns.max() > 100
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize(("high", "shown"), [(0.4, True), (3.0, False)])
+def test_what_stands_still_is_whole_if_that_needs_little_more_room(
+    high: float, shown: bool
+) -> None:
+    xml = f"""<mujoco><worldbody><light pos="0 -3 3" dir="0 1 -1"/>
+      <camera pos="0 -4 0" xyaxes="1 0 0 0 0 1"/>
+      <geom type="box" size=".1 .1 .1" pos="0 0 {high}" rgba="1 0 0 1"/>
+      <body><joint type="slide" axis="1 0 0"/><geom size=".1" rgba="0 1 0 1"/></body>
+    </worldbody></mujoco>"""
+    model, poses = mujoco.MjModel.from_xml_string(xml), np.array([[-0.5], [0.5]])
+    with OffscreenRenderer(model, (), 1.0, poses, (120, 160)) as place:
+        picture = place.picture(poses[0], {}).astype(int)
+    red = (picture[..., 0] > 2 * picture[..., 1]) & (picture[..., 0] > 60)
+    assert red.any() == shown
+    assert not red[[0, -1]].any()
+
+
 @pytest.mark.usefixtures("gl")
 def test_what_moves_stands_before_and_behind_what_does_not(make_log: Any) -> None:
     """Both layers together are what MuJoCo draws at once, shadows apart."""

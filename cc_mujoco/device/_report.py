@@ -43,6 +43,7 @@ class Property(NamedTuple):
     unit: str
     meaning: str
     origin: str  # one of `ORIGINS`
+    axis: str = ""  # name of the axis that it belongs to, where there are several
 
     @property
     def known(self) -> bool:
@@ -51,7 +52,10 @@ class Property(NamedTuple):
 
     @property
     def place(self) -> str:
-        return f"{self.table}.{self.key}" if self.table else self.key
+        table = self.table
+        if self.axis:
+            table = self.axis + table.removeprefix("axis")
+        return f"{table}.{self.key}" if table else self.key
 
 
 def properties(device: Device) -> Iterator[Property]:
@@ -79,7 +83,8 @@ def properties(device: Device) -> Iterator[Property]:
         yield Property("sensors", key, value, *SENSORS[key], where)
     several = len(found.axes) > 1
     for axis in found.axes:
-        yield from _axis_properties(device, axis, several)
+        for row in _axis_properties(device, axis, several):
+            yield row._replace(axis=axis.name if several else "")
     for joint in dict.fromkeys((*found.movers, *(a.limb for a in found.axes))):
         name, table = found.movers.get(joint), f"wearer.{joint}"
         where = origin(table, SCENE)

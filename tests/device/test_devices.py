@@ -169,6 +169,16 @@ def test_what_nobody_says_is_unknown_and_listed_as_missing(tmp_path: Path) -> No
     assert "safe_torque" not in missing
 
 
+@pytest.mark.parametrize("scene", ["wrist", "exosuit"])
+def test_an_account_of_several_axes_says_whose_each_value_is(scene: str) -> None:
+    device = find_device(scene)
+    names = [line.split()[0] for line in account(device).splitlines() if line]
+    for axis in device.description.axes:
+        own = axis.name if len(device.description.axes) > 1 else "axis"
+        assert names.count(f"{own}.reach") == names.count(f"{own}.task") == 1
+        assert names.count(f"{own}.observation.twist") == 1
+
+
 @pytest.mark.parametrize(
     ("gear", "sense"), [("-0.02", "positive"), ("0.02", "negative")]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -119,13 +120,18 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
 ) -> None:
     script = Path(imitate.__file__)
     words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
-    more = ["--rounds", "2", "--updates", "5", "--envs", "6", "--seconds", "0.6"]
+    more = ["--rounds", "3", "--updates", "5", "--envs", "6", "--seconds", "0.6"]
     done = subprocess.run(
         [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
     )
-    teacher, student, written = done.stdout.splitlines()
-    assert teacher.startswith(b"teacher:") and student.startswith(b"student:")
-    assert b"--controller" in written
+    teacher, *rounds, kept, written = done.stdout.decode().splitlines()
+    errors = [[float(x) for x in re.findall("([0-9.]+) N m", line)] for line in rounds]
+    reachable = [float(x) for x in re.findall("([0-9.]+) N m", teacher)]
+    assert len(errors) == 3 and len(reachable) == 2
+    best = int(np.argmin(np.mean(np.divide(errors, reachable), axis=1)))
+    assert kept.startswith(f"round {best + 1} is kept: ")
+    assert rounds[best].startswith(f"round {best + 1} of 3, RMS torque error: own moti")
+    assert "--controller" in written
     network, observed = read_policy(tmp_path / "0.safetensors")
     room = classroom("finger")
     assert tuple(observed) == room.env.exo.observed

@@ -12,10 +12,10 @@ online learning", AISTATS 2011. A torque depends on more than the sensors show; 
 policy learns a mean of what is possible.
 
 Each effect that cables have in suite `v2` is in some of the sampled plants, the liner
-is an ordinary one, and the wearer moves as the device says, a third with a tremor. An
-episode should be as long as the motion, or a part of it is never seen. RMS torque
-errors of each round are printed, for each motion and axis; the policy of the round with
-the least is written to `--out`.
+is an ordinary one, and the wearer moves as the device says, a third with a tremor;
+`--without` leaves effects out. An episode should be as long as the motion, or a part of
+it is never seen. RMS torque errors of each round are printed, for each motion and axis;
+the policy of the round with the least is written to `--out`, with its effects.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import argparse
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,12 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from cc_mujoco import control
-from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
+from cc_mujoco.benchmark import (
+    STRUCTURES,
+    SUITES,
+    declare_training,
+    effect_values,
+)
 from cc_mujoco.device import IN_EPISODES, CableDrive, Device
 from cc_mujoco.envs import DeviceVectorEnv
 from cc_mujoco.errors import CableError
@@ -60,6 +65,7 @@ teacher swings a finger with more of `viscous`."""
 BANDWIDTH = 400.0
 """Bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
 slower plan leaves of a tremor, too."""
+TREMOR = "tremor"  # effect that is in the motion
 WIDTHS = 128, 128  # units of the hidden layers
 BEND = np.float32(0.3)  # error above which a loss is linear, in deviations
 BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last round
@@ -70,28 +76,36 @@ def observation(hold: int) -> dict[str, Any]:
     return {"hold": hold, "history": HISTORY, "memory": True}
 
 
-def structure(device: Device) -> dict[str, tuple[float, float, float]]:
-    """Return the ranges of the effects that the cables of a plant may have."""
+def structure(
+    device: Device, without: Sequence[str] = ()
+) -> dict[str, dict[str, tuple[float, float, float]]]:
+    """Return the ranges of parameters by effect that the cables of a plant may have."""
     low, high = AMOUNTS
-    return {
-        name: (low * amount, high * amount, PROBABILITY)
+    found = {
+        effect: {
+            name: (low * amount, high * amount, PROBABILITY)
+            for name, amount in effect_values(device, effect).items()
+            if isinstance(amount, float) and name.rpartition(".")[2] in IN_EPISODES
+        }
         for effect in STRUCTURES
-        for name, amount in effect_values(device, effect).items()
-        if isinstance(amount, float) and name.rpartition(".")[2] in IN_EPISODES
+        if effect not in without
     }
+    return {effect: ranges for effect, ranges in found.items() if ranges}
 
 
-MOTIONS = "own motion", "tremor"
+MOTIONS = "own motion", TREMOR
 """Names of the parts that `motions` returns."""
 
 
-def motions(scene: str) -> tuple[train_policy.Part, ...]:
+def motions(scene: str, without: Sequence[str] = ()) -> tuple[train_policy.Part, ...]:
     """Return the device's own motion, and one with a wearer's tremor, as parts.
 
     The bench has no task of its own; its motions are those of `train_policy.py`.
     """
     if scene == train_policy.BENCH:
         return train_policy.PLAYED[scene]
+    if TREMOR in without:
+        return ((None, None, 1),)
     found = {one.name: one.trajectory for one in SUITES["v2"].conditions(scene)}
     tremor = found.get("structure-tremor")
     return (None, None, 2), *(((tremor, None, 1),) if tremor else ())
@@ -276,10 +290,12 @@ class Student:
 def train(options: argparse.Namespace) -> None:
     device = train_policy.device_of(options.scene)
     liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
-    ranges = {**RANGES, **liner, **structure(device)}
-    envs = train_policy.make(
-        options, ranges, observation(options.hold), motions(options.scene)
-    )
+    effects = structure(device, options.without)
+    played = motions(options.scene, options.without)
+    ranges = {**RANGES, **liner}
+    for own in effects.values():
+        ranges |= own
+    envs = train_policy.make(options, ranges, observation(options.hold), played)
     rooms = [
         Classroom(env, 1000 * options.seed + place) for place, env in enumerate(envs)
     ]
@@ -309,9 +325,10 @@ def train(options: argparse.Namespace) -> None:
         seen = np.concatenate([seen, *(own[0] for own in lessons)])
         taught = np.concatenate([taught, *(own[1] for own in lessons)])
     print(f"round {best} is kept: {least:.2f} times the teacher's error, on average")
-    control.write_policy(
-        options.out / f"{options.seed}.safetensors", network, envs[0].exo.observed
-    )
+    path = options.out / f"{options.seed}.safetensors"
+    control.write_policy(path, network, envs[0].exo.observed)
+    shakes = options.scene != train_policy.BENCH and len(played) > 1
+    declare_training(path, [*effects, *([TREMOR] if shakes else [])])
 
 
 def printed_errors(who: str, names: list[str], lessons: list[Lesson]) -> Array:
@@ -339,6 +356,10 @@ def main() -> None:
         "--seconds", type=float, default=4.0, help="of an episode, as in the benchmark"
     )
     parser.add_argument("--seed", type=int, default=0, help="also the file's name")
+    parser.add_argument(
+        "--without", nargs="*", default=[], choices=STRUCTURES, metavar="EFFECT",
+        help="effects of suite v2 that are left out of the training",
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, default=Path("runs", "imitation"), help="folder of the file"
     )

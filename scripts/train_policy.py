@@ -215,6 +215,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
+    from cc_mujoco.benchmark import declare_training
     from cc_mujoco.envs import StableBaselines, save_policy
 
     # Sums of a thread each depend on how many there are; one gives one policy.
@@ -236,7 +237,9 @@ def train(seed: int, options: argparse.Namespace) -> None:
     start = time.process_time()
     model.learn(options.steps)
     rate = options.steps / (time.process_time() - start)
-    save_policy(model, options.out / f"{seed}.safetensors")
+    path = options.out / f"{seed}.safetensors"
+    save_policy(model, path)
+    declare_training(path, ())
     print(f"{options.algorithm} seed {seed}: {rate:.0f} steps/s of processor")
 
 

@@ -25,3 +25,5 @@ from ._runner import BenchmarkPlan as BenchmarkPlan
 from ._runner import run as run
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
+from ._training import declare_training as declare_training
+from ._training import trained_on as trained_on

@@ -24,13 +24,16 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _conditions as conditions
 from cc_mujoco.benchmark import _faults as faults
+from cc_mujoco.benchmark._bristles import BristleChains
 from cc_mujoco.benchmark._conditions import Condition
-from cc_mujoco.benchmark._plant import ActuationFaults, Draw, sample_plants
+from cc_mujoco.benchmark._plant import BRISTLES, ActuationFaults, Draw, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
     PositionCondition,
     position_drives,
 )
+from cc_mujoco.benchmark._training import KEY as TRAINED_ON
+from cc_mujoco.benchmark._training import trained_on
 from cc_mujoco.benchmark._user_entry import Entry, end_entries
 from cc_mujoco.control import Controller, PlantsController, Unpowered
 from cc_mujoco.control._registry import batched_controller
@@ -96,9 +99,6 @@ class CellResult:
     scores: dict[str, Array]  # by name (seeds,), see `episode_scores`
     # True and assumed parameters of the driven cables by name, a list over seeds each
     plants: dict[str, list[Any]]
-    # Time series by name (samples * seeds,) in the ordinary condition, {} in others;
-    # names begin with the axis if there are several.
-    trace: dict[str, Array]
 
 
 class CellSetup(NamedTuple):
@@ -129,7 +129,8 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
 def _structure_key(cell: Cell) -> object:
     """Return a key that is equal for cells whose unknown effects allow one batch."""
     at = cell.condition
-    if at.known or at.structure in faults.FAULTS or isinstance(at, PositionCondition):
+    timed = (*faults.FAULTS, *faults.EVENTS, BRISTLES)
+    if at.known or at.structure in timed or isinstance(at, PositionCondition):
         return at.structure
     (drawn,) = sample_plants(at, cell.seeds[:1])
     cuffs = (bool(axis.cuff) for axis in drawn.plant.description.axes)
@@ -175,6 +176,9 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
     tasks = at.tasks(description)
     changes = reference.changes if reference else {}
+    bristly = at.structure == BRISTLES and not changes
+    if bristly:  # instead of the cables of the engine
+        changes = UNPLUGGED
     models = []
     for plant in (drawn.plant for drawn in draws):
         if changes:
@@ -186,11 +190,13 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     exos = [WornDevice(description, m, t, tasks, at.duration) for m, t in pairs]
     exo, prefixes = exos[0], exos[0].device.prefixes
     batch = Batch(exos, seeds, name=one.controller)
-    fails = at.structure in faults.FAULTS
+    if bristly:
+        batch.transmission = BristleChains(batch, [d.known for d in draws], seeds)
+    fails = at.structure in (*faults.FAULTS, *faults.EVENTS)
     onsets = faults.fault_onsets(seeds, exo.period) if fails else []
     hindered = [drawn.actuation for drawn in draws]
-    if at.structure == faults.STRAP:
-        batch.actuate = faults.StrapOpening(batch, onsets)
+    if at.structure in faults.PLANT_EVENTS:
+        batch.actuate = faults.PlantEvent(at.structure, batch, onsets, exo.period)
     elif not (all(h.is_plain for h in hindered) or (reference and reference.ideal)):
         batch.actuate = ActuationFaults(hindered, prefixes)
     sensing, known = one.sensing or description.sensing, exo.drives
@@ -267,14 +273,14 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     for place, cell in enumerate(cells):
         own = slice(place * count, (place + 1) * count)
         part = {name: values[:, own] for name, values in rows.items()}
-        usual = cell.condition.usual
-        trace = _trace_columns(cell, part, batch.prefixes) if usual else {}
         scores = _scores(cell, part, made)
         about = _plant_columns(made, own)
         about[FAILURE] = batch.failed[own]
+        if text := trained_on(cell.controller):
+            about[TRAINED_ON] = [text] * count
         if cut:
             about[CUT_SHARE] = cut[own]
-        found.append(CellResult(scores, about, trace))
+        found.append(CellResult(scores, about))
     return found
 
 
@@ -293,7 +299,7 @@ def _play(made: CellSetup, of_angle: bool) -> dict[str, NDArray[Any]]:
     """Play the episodes; return the columns that scores need (steps + 1, episodes)."""
     batch = made.batch
     names = ["joint_angle_rad", "joint_torque_nm", "desired_torque_nm"]
-    names += ["phase_sine", "phase_cosine", "motor_torque_nm"]
+    names.append("motor_torque_nm")
     if of_angle:
         names.append(REFERENCE_COLUMN)
     kept = [prefix + name for prefix in batch.prefixes for name in names]
@@ -385,25 +391,6 @@ def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
         }
         for name, value in columns.items():
             found.setdefault(name, []).append(value)
-    return found
-
-
-def _trace_columns(
-    cell: Cell, rows: Mapping[str, NDArray[Any]], prefixes: Sequence[str]
-) -> dict[str, Array]:
-    thin = slice(None, None, 10)  # every tenth control step
-    found: dict[str, Array] = {}
-    for prefix in prefixes:
-        sine, cosine = rows[f"{prefix}phase_sine"], rows[f"{prefix}phase_cosine"]
-        phase = np.arctan2(sine, cosine)[thin] / (2.0 * np.pi) % 1.0
-        torques = "joint_torque_nm", "desired_torque_nm"
-        kept = "joint_angle_rad", *torques, REFERENCE_COLUMN
-        names = (prefix + name for name in kept)
-        found |= {name: rows[name][thin].ravel() for name in names if name in rows}
-        found[f"{prefix}phase"] = phase.ravel()
-    time = rows["time_s"][thin]
-    found["time_s"] = time.ravel()
-    found["seed"] = np.tile(np.array(cell.seeds, dtype=float), len(time))
     return found
 
 

@@ -27,8 +27,8 @@ class Benchmark:
     given."""
     suite: Annotated[str | None, options.option_help("NAME")] = None
     """Suite to play: v1, which never changes, generic, which any device can play, v2,
-    safety or position; v1 unless given, and generic or position for a device of your
-    own."""
+    v3, safety or position; v1 unless given, and generic or position for a device of
+    your own."""
     controllers: options.Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     conditions: options.Names = ()

@@ -1,4 +1,4 @@
-"""Faults of sensors and straps that begin during an episode: the suite `safety`."""
+"""Faults and events that begin during an episode: suites `safety` and `v3`."""
 
 import dataclasses
 import math
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark._conditions import Condition, named_condition
 from cc_mujoco.benchmark._generic import plain_condition
-from cc_mujoco.device import find_device
+from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._sensors import AxesMeasuring
 from cc_mujoco.native import FloatArray as Array
+from cc_mujoco.plugin import write_cable
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns
 
@@ -25,14 +26,26 @@ TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
     "torque-late": lambda now, past: past,
     "torque-missing": lambda now, past: np.full_like(now, math.nan),
     "torque-dropout": lambda now, past: np.full_like(now, math.nan),
+    "torque-lost": lambda now, past: 0.0 * now,
+    "torque-held": lambda now, past: past,
+    "torque-gain": lambda now, past: 0.8 * now,
+    "torque-tared": lambda now, past: now - past,
 }
 """Reading of the torque sensor from the true reading now, and from an earlier one: that
 of the onset, or of 50 ms before."""
+BRIEF = {"torque-lost": 0.3, "torque-held": 0.3}  # faults that end, after a time [s]
 FAULTS = (
-    *TORQUE_FAULTS,
+    *tuple(TORQUE_FAULTS)[:7],
     *("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped"),
     STRAP,
 )
+EVENTS = (*tuple(TORQUE_FAULTS)[7:], "clamp-slips", "cable-off")
+"""Events of suite `v3`.
+
+A loose plug makes the torque sensor 0, or holds its reading, for 0.3 s; its supply
+falls by a fifth; it is zeroed under load. The clamps of a conduit, of the first cable
+of each axis, hold no more than a fifth of the pretension for 0.3 s; or that cable comes
+off for good, where another remains."""
 
 
 def safety_conditions(scene: str) -> list[Condition]:
@@ -64,6 +77,7 @@ class FaultySensors:
         """
         self._fault, self._sensors, self._ratios = fault, sensors, ratios
         self._onset = np.array(onsets)
+        self._end = self._onset + round(BRIEF.get(fault, 1e6) / period)
         self._late = round(0.05 / period)  # of `torque-late`
         self._interval = round(0.1 / period)
         self._step = 0
@@ -71,7 +85,7 @@ class FaultySensors:
         self._past: dict[str, list[Array]] = {}
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        failed = self._step >= self._onset
+        failed = (self._step >= self._onset) & (self._step < self._end)
         if self._fault.startswith(("motor-", "joint-")):
             columns = {**columns, **self._encoders(columns, failed)}
         seen = self._sensors.measure(columns)
@@ -87,7 +101,7 @@ class FaultySensors:
         past = self._past.setdefault(name, [])
         past.append(now)
         earlier = past[max(len(past) - 1 - self._late, 0)]
-        if self._fault == "torque-frozen":
+        if self._fault in ("torque-frozen", "torque-held", "torque-tared"):
             earlier = self._hold(name, now)
         found = np.asarray(TORQUE_FAULTS[self._fault](now, earlier), dtype=float)
         if self._fault == "torque-dropout":
@@ -122,21 +136,68 @@ class FaultySensors:
         return found
 
 
-class StrapOpening:
-    """A fault in which the wearer comes off the device; called by `Batch.actuate`."""
+class PlantEvent:
+    """A change of the plant during an episode; called by `Batch.actuate`."""
 
-    def __init__(self, batch: Batch, onsets: Sequence[int]) -> None:
+    def __init__(
+        self, name: str, batch: Batch, onsets: Sequence[int], period: float
+    ) -> None:
+        """Prepare an event from control steps `onsets` (devices,) on.
+
+        `period` is the control period [s].
+        """
+        change, end = PLANT_EVENTS[name]
+        held = round(SLIP_TIME / period)
+        self._changes = [(0, change)] + ([(held, end)] if end else [])
         self._batch, self._onsets = batch, np.array(onsets)
 
     def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
-        """Open the straps due at this step; return the motor torque [N m] unchanged."""
-        opened = np.flatnonzero(self._onsets == step)
-        for device in (self._batch.devices[row] for row in opened.tolist()):
-            movers = device.description.movers
-            for axis in device.description.axes:
-                if axis.limb in device.movers:
-                    actuator = device.model.actuator(movers[axis.limb])
-                    actuator.gainprm[:], actuator.biasprm[:] = 0.0, 0.0
-        if opened.size:
-            self._batch.reload()
+        """Change the devices due at this step; return the motor torque unchanged."""
+        for later, change in self._changes:
+            due = np.flatnonzero(self._onsets + later == step).tolist()
+            for device in (self._batch.devices[row] for row in due):
+                change(device)
+            if due:
+                self._batch.reload()
         return torque
+
+
+def _open_strap(device: DeviceModel) -> None:
+    movers = device.description.movers
+    for axis in device.description.axes:
+        if axis.limb in device.movers:
+            actuator = device.model.actuator(movers[axis.limb])
+            actuator.gainprm[:], actuator.biasprm[:] = 0.0, 0.0
+
+
+def _clamp(device: DeviceModel, time: float, share: float) -> None:
+    """Let the first cable of each axis lose what exceeds a share of its pretension.
+
+    The conduit slides in its clamps, with a time constant [s].
+    """
+    for name in (names[0] for names in device.driven):
+        cable = device.cables[name]
+        speed = min(cable.length / (cable.axial_stiffness * time), 1.0)
+        ends = dict.fromkeys(("clamp_creep_proximal", "clamp_creep_distal"), speed)
+        loose = cable.replace(**ends, clamp_force=share * cable.pretension)
+        write_cable(device.model, name, loose)
+
+
+def _disconnect(device: DeviceModel) -> None:
+    """Let the first cable of each axis keep the tension that it has for good."""
+    for name in (names[0] for names in device.driven):
+        cable = device.cables[name]
+        write_cable(device.model, name, cable.replace(axial_stiffness=1e-6))
+
+
+Change = Callable[[DeviceModel], None]
+SLIP_TIME = 0.3  # time after which a clamp holds again [s]
+PLANT_EVENTS: dict[str, tuple[Change, Change | None]] = {
+    STRAP: (_open_strap, None),
+    "clamp-slips": (
+        lambda device: _clamp(device, 0.02, 0.2),
+        lambda device: _clamp(device, 0.02, 1e4),
+    ),
+    "cable-off": (lambda device: _clamp(device, 5e-4, 0.0), _disconnect),
+}
+"""Changes of a plant by the name of their condition: at the onset, and at the end."""

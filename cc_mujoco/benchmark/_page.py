@@ -1,11 +1,11 @@
 """Files of a benchmark: results, figures, tables and a page on the best controllers.
 
-Figures show error against effort, over the gait cycle, and by condition.
+Figures show error against effort, and by condition.
 """
 
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +16,9 @@ from cc_mujoco._utils.provenance import versions, write_manifest
 from cc_mujoco.benchmark import _report as text
 from cc_mujoco.benchmark import _results as stored
 from cc_mujoco.benchmark import _runner as runner
-from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, is_walk
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import DeviceResults, Results
 from cc_mujoco.benchmark._runner import BenchmarkPlan
-from cc_mujoco.device._axis_columns import axis_columns
-from cc_mujoco.device._sensors import REFERENCE_COLUMN
-from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, save, style
 from cc_mujoco.report._html import Html
@@ -35,7 +32,6 @@ CAPTIONS = {
     "seeds; the line joins the controllers that no other beats in both.",
     "robustness": "Normalised error of every controller in every condition; blue is "
     "better than none, red is worse.",
-    "cycle": "Error over the cycle in the ordinary condition.",
 }
 
 
@@ -50,13 +46,13 @@ def write(
     makers = plan.made_by()
     stored.write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
-    drawings = {"pareto": pareto, "robustness": robustness, "cycle": cycle}
+    drawings = {"pareto": pareto, "robustness": robustness}
     for own in stored.by_device(results):
         for stem, draw in drawings.items():
             with style():
                 save(out / f"{own.label}-{stem}.png", draw(own))
     pages = {
-        runner.TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
+        runner.TABLES_FILE: text.all_tables(results, baseline),
         runner.REPORT_FILE: _report_page(out, plan, results, baseline),
     }
     for name, content in pages.items():
@@ -78,7 +74,6 @@ def _report_page(
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
     notes = (*text.divergence_sentences(results), *text.cut_sentences(results))
     notes += tuple(text.assumed_limits(results))
-    notes += tuple(text.left_out_sentences(plan.left_out()))
     parts["all"] = _folded_table(text.OVERVIEW_HEADING, text.overview_table(results))
     times = text.times_table(results)
     if times[1]:
@@ -110,7 +105,7 @@ def _report_page(
 
 def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Html:
     (heading, ranks), *others = text.device_tables(own, baseline)
-    conditions, scores, plants = (_folded_table(*other) for other in others)
+    conditions, scores = (_folded_table(*other) for other in others)
     return html.join_pieces(
         [
             html.paragraph(heading),
@@ -119,8 +114,6 @@ def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Htm
             _figure(folder, own, "robustness"),
             conditions,
             scores,
-            html.folded("Error over the cycle", _figure(folder, own, "cycle")),
-            plants,
         ]
     )
 
@@ -178,36 +171,6 @@ def pareto(own: DeviceResults) -> "Figure":
     return drawing
 
 
-def cycle(own: DeviceResults) -> "Figure":
-    """Draw the RMS error over gait phase or, without a gait, since a reversal [s]."""
-    looks = _line_styles(own.rms)
-    shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
-    trace, angle = next((each for _, each in shown.values()), {}), "joint_angle_rad"
-    prefixes = [n.removesuffix(angle) for n in trace if n.endswith(angle)] or [""]
-    drawing = _figure_for_phone(2.7 * len(prefixes) + 0.9)
-    panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
-    label = "time since the joint last reversed [s]"
-    is_angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
-    for axes, prefix in zip(panels, prefixes, strict=True):
-        for law, (cell, trace) in shown.items():
-            gait = is_walk(cell.condition.trajectory)
-            most = 1.0 if gait else 0.6  # a cycle, or [s] after a reversal
-            label = "phase of the gait" if gait else label
-            columns = axis_columns(trace, prefix, prefixes)
-            place = columns["phase"] if gait else _since_reversal(columns)
-            rms = _binned_rms(place / most, columns)
-            at = most * (np.arange(rms.size) + 0.5) / rms.size
-            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
-        name = ", ".join((own.label, *([prefix.rstrip(".")] if prefix else [])))
-        y_label = "RMS error [rad]" if is_angle else "RMS error [N m]"
-        axes.set(xlabel=label, ylabel=y_label, ylim=(0.0, None))
-        axes.set_title(f"{name}: error over the cycle")
-    if shown:
-        labels = panels[-1].get_legend_handles_labels()
-        drawing.legend(*labels, loc="outside lower center", ncols=3)
-    return drawing
-
-
 def robustness(own: DeviceResults) -> "Figure":
     """Draw the normalised error by condition (rows) and controller (columns).
 
@@ -242,31 +205,6 @@ def robustness(own: DeviceResults) -> "Figure":
 
 def _figure_for_phone(height: float) -> "Figure":
     return figure(4.9, height)  # wide [inch]: legible at 390 pixels
-
-
-def _since_reversal(trace: Mapping[str, Array]) -> Array:
-    found = np.full(trace["time_s"].size, np.inf)
-    for seed in np.unique(trace["seed"]):
-        own = trace["seed"] == seed
-        time, angle = trace["time_s"][own], trace["joint_angle_rad"][own]
-        way = np.sign(np.gradient(angle))
-        turned = np.concatenate([[True], way[1:] * way[:-1] < 0.0])
-        found[own] = time - np.maximum.accumulate(np.where(turned, time, 0.0))
-    return found
-
-
-def _binned_rms(place: Array, trace: Mapping[str, Array], count: int = 30) -> Array:
-    """Return the RMS error in `count` equal bins of `place` in [0, 1), NaN if empty."""
-    # Motions grow in the first second.
-    counted = (trace["time_s"] >= 1.0) & (place < 1.0)
-    bins = (place[counted] * count).astype(int)
-    pair = "joint_torque_nm", "desired_torque_nm"
-    if REFERENCE_COLUMN in trace:
-        pair = "joint_angle_rad", REFERENCE_COLUMN
-    error = (trace[pair[0]] - trace[pair[1]])[counted]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        square = np.bincount(bins, error**2, count) / np.bincount(bins, None, count)
-    return np.asarray(np.sqrt(square))
 
 
 def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -111,6 +111,27 @@ friction at rest, `ageing` a fifth with every factor e of rest. `soft-ends` make
 cable half as soft again, `eccentric` pulleys are out of centre by a twentieth of their
 radius, `route` bends the conduit by 30 % more or less over the reach of the joint."""
 
+UNSEEN_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
+    "clearance": lambda own, cable: (
+        {"clearance": 3e-4, "seating_tension": 0.5 * own.tension}
+        if cable.path == PATHS[0]
+        else {}  # it has no conduit to lie in
+    ),
+    "soft-anchors": lambda own, cable: {
+        "end_compliance": cable.end_compliance + own.length / cable.axial_stiffness,
+        "end_hardening": 1.0 / own.tension,
+        "end_loss": 0.3,
+    },
+}
+"""Effects in a cable by the name of their condition in `v3`, of a size drawn between
+half and one and a half of these.
+
+A liner is 0.3 mm wider than its cable, as a rope of 0.6 mm in one of 0.9 mm, and taut
+at half the tension that counts as 1. Webbing and skin at the joint, slack, are as soft
+as the cable, twice as stiff at that tension, and lose 30 % of their work."""
+
+BRISTLES = "bristles"  # cables by other equations, see `_bristles`
+
 POSITION_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
     "friction-doubled": lambda own, cable: {
         "friction": 2.0 * cable.friction,
@@ -169,7 +190,8 @@ def effect_values(device: Device, name: str) -> dict[str, Value]:
 
 
 def _cable_values(known: Plant, name: str) -> dict[str, Value]:
-    device, effects = known.scene, {**EFFECTS, **POSITION_EFFECTS}
+    device = known.scene
+    effects = {**EFFECTS, **POSITION_EFFECTS, **UNSEEN_EFFECTS}
     if name not in effects:
         return {}
     found: dict[str, Value] = {}
@@ -190,6 +212,9 @@ def hidden_effect(
     """
     device, axes = known.scene, known.description.axes
     values = _cable_values(known, name)
+    if name in UNSEEN_EFFECTS:
+        factor = random.uniform(0.5, 1.5)
+        values = {key: factor * float(value) for key, value in values.items()}
     if name == "eccentric":
         phase = random.uniform(-math.pi, math.pi)
         for axis in axes:
@@ -241,7 +266,7 @@ def _cuffed(device: Device) -> Device:
 
 
 def has_effect(device: Device, name: str) -> bool:
-    if name in EFFECTS:
+    if name in EFFECTS or name in UNSEEN_EFFECTS:
         return bool(effect_values(device, name))
     if name == "cuff":
         one = len(device.description.axes) == 1

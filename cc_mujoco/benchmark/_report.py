@@ -7,7 +7,6 @@ references emphasised.
 import math
 import shlex
 from collections.abc import Container, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -22,6 +21,8 @@ from cc_mujoco.benchmark._results import (
     by_device,
     rms_errors,
 )
+from cc_mujoco.benchmark._training import KEY as TRAINED_ON
+from cc_mujoco.benchmark._training import NOT_STATED
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.native import FloatArray as Array
@@ -42,31 +43,25 @@ TIMES_TITLE = "Computing time of a step of one device"
 def all_tables(
     results: Results,
     baseline: str = DEFAULT_BASELINE,
-    left_out: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Return all tables as Markdown, controllers compared with `baseline`.
-
-    `left_out` has devices that the suite no longer has, and the reason.
-    """
+    """Return all tables as Markdown, controllers compared with `baseline`."""
     first, *others = by_device(results)
     parts = [
         "# Benchmark of controllers",
         summary(results, baseline),
         _picture(first, "pareto"),
-        *left_out_sentences(left_out),
     ]
     for own in (first, *others):
         tables = [(head, table(*cells)) for head, cells in device_tables(own, baseline)]
-        ranks, (conditions, errors), (scores, found), plants = tables
+        ranks, (conditions, errors), (scores, found) = tables
         parts += [
             f"## {own.label}",
             *([] if own is first else [_picture(own, "pareto")]),
             *ranks,
             _fold(
-                "Conditions, scores and plants",
+                "Conditions and scores",
                 *(conditions, _picture(own, "robustness"), errors),
-                *(scores, _picture(own, "cycle"), found),
-                *plants,
+                *(scores, found),
             ),
         ]
     head, rows = times_table(results)
@@ -77,7 +72,7 @@ def all_tables(
 
 
 def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
-    """Return (heading, table) pairs of a device: ranks, conditions, scores, plants."""
+    """Return (heading, table) pairs of a device: ranks, conditions, scores."""
     return [
         (
             "Ranks; a controller is better than another where the interval of their "
@@ -86,11 +81,6 @@ def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
         ),
         ("Normalised error by condition, mean over seeds:", conditions_table(own)),
         ("All scores, mean over conditions and seeds:", scores_table(own)),
-        (
-            "Plants sampled in the ordinary condition, in brackets the values that "
-            "controllers assume:",
-            plants_table(own),
-        ),
     ]
 
 
@@ -137,10 +127,6 @@ def next_command(results: Results) -> str:
     first = by_device(results)[0]
     scene, best = first.played[0][0].condition.scene, rank_entries(first.rms)[0]
     return shlex.join(["cc-mujoco", "play", scene, "--controller", best.name])
-
-
-def left_out_sentences(left_out: Mapping[str, str]) -> list[str]:
-    return [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
 
 
 def _picture(own: DeviceResults, stem: str) -> str:
@@ -221,10 +207,35 @@ def comparison(errors: Errors, differing: list[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def training(results: Results) -> dict[str, list[str]]:
+    """Return the effects in the training of each policy; empty without policies."""
+    found = {c.controller: r.plants.get(TRAINED_ON) for c, r in results}
+    return {law: each[0].split(", ") for law, each in found.items() if each}
+
+
+def _unseen(own: DeviceResults, trained: Container[str]) -> list[bool]:
+    """Return whether the effect of each condition is in no training, () of ordinary."""
+    if NOT_STATED in trained:
+        return [False] * len(own.rms[SCALE_CONTROLLER])
+    effects = {c.condition.name: c.condition.structure for c, _ in own.played}
+    return [bool(e) and e not in trained for e in effects.values()]
+
+
 def overview_table(results: Results) -> Cells:
-    """Return error, chatter, motor peak and failures, by controller and device."""
+    """Return error, chatter, motor peak and failures, by controller and device.
+
+    If policies play, columns state what they were trained on, and the mean error over
+    conditions whose effect none of them was trained on.
+    """
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
+    taught = training(results)
+    if taught:
+        head.append("trained on")
+        for law, row in rows.items():
+            effects = taught.get(law, ["-"])
+            many = f"{len(effects)} effects"
+            row.append(", ".join(effects) if len(effects) < 4 else many)
     for own in by_device(results):
         failed = {law: own.mean_score(law, "failed") for law in own.rms}
         some = any(failed.values())
@@ -242,6 +253,12 @@ def overview_table(results: Results) -> Cells:
             row.append(text)
             if some:
                 row.append(f"{failed[law]:.0%}" if known else "-")
+        if taught:
+            unseen = _unseen(own, set().union(*taught.values()))
+            head.append(f"{own.label}, unseen effects")
+            for law, row in rows.items():
+                shown = any(unseen) and law in own.errors
+                row.append(f"{np.mean(own.errors[law][unseen]):.3f}" if shown else "-")
     return head, list(rows.values())
 
 
@@ -279,13 +296,22 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
 
 
 def conditions_table(own: DeviceResults) -> Cells:
-    """Return normalised errors, a row per condition, with the RMS error of `none`."""
+    """Return normalised errors, a row per condition, with the RMS error of `none`.
+
+    Those of a policy that was trained on the effect are marked as seen.
+    """
     laws = [law for law in own.errors if law != SCALE_CONTROLLER]
     score = ranked_score(own.played[0][1].scores)
+    taught = training(own.played)
+    unseen = {law: _unseen(own, effects) for law, effects in taught.items()}
     measure = next(one.unit for one in EVERY_SCORE if one.name == score)
     rows = []
     for place, (condition, unit) in enumerate(own.rms[SCALE_CONTROLLER].items()):
-        means = [f"{np.mean(own.errors[law][place]):.2f}" for law in laws]
+        means = [
+            f"{np.mean(own.errors[law][place]):.2f}"
+            + ("" if law not in taught or unseen[law][place] else " (seen)")
+            for law in laws
+        ]
         units = ", ".join(f"{each:.3g}" for each in np.nanmean(unit, axis=0))
         rows.append([condition, f"{units} {measure}", *means])
     return ["condition", f"`{SCALE_CONTROLLER}`", *map(controller_label, laws)], rows
@@ -305,31 +331,6 @@ def scores_table(own: DeviceResults) -> Cells:
     units = {score: f" [{score.unit}]" if score.unit != "1" else "" for score in found}
     heads = [score.name.replace("_", " ") + unit for score, unit in units.items()]
     return ["controller", *heads], rows
-
-
-def plants_table(own: DeviceResults) -> Cells:
-    """Return plant parameters in the ordinary (or first) condition, a row per seed."""
-    chosen = [(c, r) for c, r in own.played if c.condition.usual] or own.played
-    cell, played = next((c, r) for c, r in chosen if c.controller == SCALE_CONTROLLER)
-    drawn = played.plants
-    heads = ["seed", "friction", "EA [kN]", "pretension [N]", "wrap [rad]"]
-    heads += ["wearer [N m/rad]", "delay [steps]", "bias of torque [N m]"]
-
-    def both(name: str, row: int, scale: float = 1.0) -> str:
-        actual, known = drawn[f"plant_{name}"][row], drawn[f"believed_{name}"][row]
-        pairs = zip(actual, known, strict=True)
-        return ", ".join(f"{scale * p:.3g} ({scale * b:.3g})" for p, b in pairs)
-
-    def each(name: str, row: int, form: str = ".3g") -> str:
-        return ", ".join(f"{value:{form}}" for value in drawn[f"plant_{name}"][row])
-
-    rows = []
-    for row, seed in enumerate(cell.seeds):
-        cables = [both("friction", row), both("axial_stiffness", row, 1e-3)]
-        cables += [both("pretension", row), each("wrap", row)]
-        sensors = [str(drawn["plant_delay"][row]), each("bias", row, ".2g")]
-        rows.append([str(seed), *cables, each("wearer", row) or "-", *sensors])
-    return heads, rows
 
 
 def times_table(results: Results) -> Cells:

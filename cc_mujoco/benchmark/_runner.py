@@ -98,9 +98,6 @@ class BenchmarkPlan:
             found = [replace(c, duration=self.duration) for c in found]
         return found
 
-    def left_out(self) -> Mapping[str, str]:
-        return {} if self.scenes else self._suite.left_out
-
     def made_by(self) -> dict[str, Any]:
         return provenance(self.controllers, [at.scene for at in self.played()])
 
@@ -154,13 +151,13 @@ class BenchmarkPlan:
     def size(self, piece: Sequence[Cell]) -> int:
         return len(piece)
 
-    def do(self, piece: Sequence[Cell], tick: Tick) -> list[tuple[pa.Table, ...]]:
+    def do(self, piece: Sequence[Cell], tick: Tick) -> list[pa.Table]:
         results = play_group(piece)
         found = []
         for cell, result in zip(piece, results, strict=True):
             entry = cell.controller not in REFERENCES and cell.condition.usual
             times = time_steps(cell) if entry else (None, None)
-            found.append(_tables(cell, result, *times))
+            found.append(_table(cell, result, *times))
         return found
 
 
@@ -231,10 +228,9 @@ def run(
         if plan.key:  # an entry could read plants and errors of its own plants
             finished = list(finished)
         for number, found in finished:
-            for cell, tables in zip(pieces[number], found, strict=True):
-                for file, table in zip(_files(cell), tables, strict=True):
-                    with replacing(folder / file) as partial:
-                        pq.write_table(table, partial)
+            for cell, table in zip(pieces[number], found, strict=True):
+                with replacing(_file(folder, cell)) as partial:
+                    pq.write_table(table, partial)
     played = []
     for cell in cells:
         result, other = _read(folder, cell)
@@ -248,9 +244,8 @@ def run(
     return played
 
 
-def _files(cell: Cell) -> list[str]:
-    parts = ("scores", "trace") if cell.condition.usual else ("scores",)
-    return [f"{cell.name}.{part}.parquet" for part in parts]
+def _file(folder: Path, cell: Cell) -> Path:
+    return folder / f"{cell.name}.scores.parquet"
 
 
 def _cell_key(cell: Cell) -> dict[str, Any]:
@@ -262,39 +257,31 @@ def _cell_key(cell: Cell) -> dict[str, Any]:
     return {"cell": text, "made_by": provenance([cell.controller], [at.scene])}
 
 
-def _tables(
+def _table(
     cell: Cell, result: CellResult, median: float | None, worst: float | None
-) -> tuple[pa.Table, ...]:
-    about = _cell_key(cell)
+) -> pa.Table:
     columns = {**result.scores, **result.plants}
     columns |= {"step_median_s": [median] * len(cell.seeds)}
     columns |= {"step_worst_s": [worst] * len(cell.seeds)}
-    found = [columns, result.trace] if cell.condition.usual else [columns]
-    return tuple(with_provenance(pa.table(part), about) for part in found)
+    return with_provenance(pa.table(columns), _cell_key(cell))
 
 
 def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
     """Return a finished cell, or None and differences of its code from the present."""
-    found: list[pa.Table] = []
     now = _cell_key(cell)
-    for file in _files(cell):
-        try:
-            table = pq.read_table(folder / file)
-        except (OSError, pa.ArrowInvalid):
-            return None, []
-        then = read_provenance(table)
-        if then != now:
-            then = then if isinstance(then, dict) else {}
-            if then.get("cell", now["cell"]) != now["cell"]:
-                return None, ["their settings"]
-            return None, provenance_differences(then.get("made_by"), now["made_by"])
-        found.append(table)
-    whole, *traces = found
-    names = score_columns(whole.column_names)
-    scores = {name: whole[name].to_numpy() for name in names}
-    rest = whole.drop_columns(names).to_pydict()
-    trace = {n: one[n].to_numpy() for one in traces for n in one.column_names}
-    return CellResult(scores, rest, trace), []
+    try:
+        table = pq.read_table(_file(folder, cell))
+    except (OSError, pa.ArrowInvalid):
+        return None, []
+    then = read_provenance(table)
+    if then != now:
+        then = then if isinstance(then, dict) else {}
+        if then.get("cell", now["cell"]) != now["cell"]:
+            return None, ["their settings"]
+        return None, provenance_differences(then.get("made_by"), now["made_by"])
+    names = score_columns(table.column_names)
+    scores = {name: table[name].to_numpy() for name in names}
+    return CellResult(scores, table.drop_columns(names).to_pydict()), []
 
 
 def time_steps(cell: Cell) -> tuple[float, float]:

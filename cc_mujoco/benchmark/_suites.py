@@ -1,12 +1,13 @@
 """Suites of the benchmark: devices, conditions, and numbers of seeds."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from cc_mujoco import human
 from cc_mujoco.assets import SCENES
 from cc_mujoco.benchmark import _generic as generic
 from cc_mujoco.benchmark import _plant as plants
+from cc_mujoco.benchmark._bristles import can_have_chains
 from cc_mujoco.benchmark._conditions import (
     DEFAULT_CONDITION,
     KNOWN,
@@ -18,8 +19,9 @@ from cc_mujoco.benchmark._conditions import (
     named_condition,
     varied_conditions,
 )
-from cc_mujoco.benchmark._faults import safety_conditions
+from cc_mujoco.benchmark._faults import EVENTS, PLANT_EVENTS, safety_conditions
 from cc_mujoco.benchmark._position import position_conditions
+from cc_mujoco.cable import PATHS
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, find_device
 from cc_mujoco.device._device_files import is_device_file
@@ -54,6 +56,25 @@ def known_conditions(scene: str) -> list[Condition]:
     for one in (one for one in others if one.structure in plants.EFFECTS):
         found += [one, named_condition(one, KNOWN + one.structure, known=True)]
     return found
+
+
+def unseen_conditions(scene: str) -> list[Condition]:
+    """Return conditions with effects beyond `v2`, events, and other equations.
+
+    The first is the ordinary one, without any.
+    """
+    device, plain = find_device(scene), generic.plain_condition(scene)
+    names = [n for n in plants.UNSEEN_EFFECTS if plants.has_effect(device, n)]
+    names += [plants.BRISTLES] if can_have_chains(device) else []
+    guided = all(cable.path == PATHS[0] for cable in device.cables.values())
+    several = all(len(axis.cables) > 1 for axis in device.description.axes)
+    names += [n for n in EVENTS if n not in PLANT_EVENTS]
+    names += ["clamp-slips"] if guided else []
+    names += ["cable-off"] if guided and several else []
+    return [
+        named_condition(plain, "-".join(DEFAULT_CONDITION)),
+        *(named_condition(plain, STRUCTURE + n, structure=n) for n in names),
+    ]
 
 
 def _wrist() -> list[Condition]:
@@ -100,10 +121,9 @@ class Suite:
 
     meaning: str
     scenes: tuple[str, ...]  # played unless some are named
-    maker: Callable[[str], list[Condition]]  # returns the conditions of a device
+    conditions: Callable[[str], list[Condition]]  # of a device
     seeds: int
     commands_angle: bool = False  # true if the task is an angle, not a torque
-    left_out: Mapping[str, str] = field(default_factory=dict)  # and the reason
 
     @property
     def references(self) -> tuple[str, ...]:
@@ -113,14 +133,6 @@ class Suite:
     @property
     def controllers(self) -> tuple[str, ...]:
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
-
-    def conditions(self, scene: str) -> list[Condition]:
-        if scene in self.left_out:
-            raise CableError(
-                f"the suite has {scene!r} no more: {self.left_out[scene]}; "
-                "`--suite generic` plays it."
-            )
-        return self.maker(scene)
 
 
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
@@ -140,10 +152,6 @@ SUITES = {
         tuple(_V1),
         _v1,
         10,
-        left_out={
-            "exosuit": "the motor at its heel followed the gait by itself, and is an "
-            "axis with a controller now"
-        },
     ),
     "generic": Suite(
         "any device in up to 24 conditions that follow from its description",
@@ -161,6 +169,13 @@ SUITES = {
         "the effects in cables of `v2`, each unknown and known to the model",
         ("wrist", "ankle", "finger", "exosuit"),
         known_conditions,
+        5,
+    ),
+    "v3": Suite(
+        "any device in up to 10 conditions with effects beyond v2, events, and cables "
+        "by other equations",
+        ("wrist", "ankle", "finger", "exosuit"),
+        unseen_conditions,
         5,
     ),
     "safety": Suite(

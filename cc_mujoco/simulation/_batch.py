@@ -11,7 +11,7 @@ the other devices of the batch and the number of threads.
 
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -60,6 +60,16 @@ class Worlds(Protocol):
 
     def advance(self, control: Array, going: Mask) -> None:
         """Advance rows `going` a sample by `control` (n, physics steps, controls)."""
+
+
+class Transmission(Protocol):
+    """Cables by other equations than the plugin's, for `Batch.transmission`."""
+
+    def pull(self) -> None:
+        """Apply the forces of the next physics step to the simulations."""
+
+    def show(self, columns: dict[str, Any]) -> None:
+        """Write the torques and tensions that acted into the columns."""
 
 
 class Simulations:
@@ -250,6 +260,8 @@ class Batch:
         models = [device.model for device in devices]
         count = len(devices)
         self.steps, self.cables = exo.steps, tuple(devices[0].readers)
+        self.transmission: Transmission | None = None
+        """Cables that pull instead of the unplugged ones of the plugin, if any."""
         self.going: Mask = np.ones(count, dtype=np.bool_)
         """Mask of the devices that have not failed."""
         self.failed = [""] * count  # reasons of those that failed; else empty
@@ -337,7 +349,12 @@ class Batch:
         control = self.wiring.controls(share, self._samples, self._every)
         # What raised shows in the status of the batch.
         with contextlib.suppress(mujoco_batch.SimulationError):
-            self.simulations.advance(control, self.going)
+            if self.transmission is None:
+                self.simulations.advance(control, self.going)
+            else:
+                for now in np.split(control, control.shape[1], axis=1):
+                    self.transmission.pull()
+                    self.simulations.advance(now, self.going)
         self._step += 1
         if self._warnings.any() or self._status.any():
             fell = self.simulations.fell & self.going
@@ -362,6 +379,8 @@ class Batch:
             columns["least_tension_n"] = least
             columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
             columns["dissipated_j"] = state[:, self._energies]
+        if self.transmission is not None:
+            self.transmission.show(columns)
         self._columns = columns
         if self._alone:
             return {name: value[0] for name, value in columns.items()}

@@ -3,9 +3,9 @@
     python scripts/benchmarks/check_structure.py --scenes wrist ankle finger \
         --first-seed 83000 --duration 1.6 --out cc_mujoco/benchmark/v2-conditions.csv
 
-Plays suite `v2` (or `v2-known`) and prints, for every device and condition, the RMS
-error of the torque, the mean over the seeds, and that of the first controller over the
-best of the others. Unlike `cc-mujoco benchmark` it plays no references. A device is
+Plays suite `v2` (or `v2-known`, `v3`) and prints, for every device and condition, the
+RMS error of the torque, the mean over the seeds, and that of the first controller over
+the best of the others. Unlike `cc-mujoco benchmark` it plays no references. A device is
 printed once it is played. `--out` keeps errors, chatter and motor peak, of which
 `fill_readme.py structure` makes the tables of the pages.
 """
@@ -43,7 +43,7 @@ def played(
 
 
 def main(
-    suite: Literal["v2", "v2-known"] = "v2",
+    suite: Literal["v2", "v2-known", "v3"] = "v2",
     scenes: tuple[str, ...] = ("wrist", "ankle", "finger"),
     controllers: tuple[str, ...] = ("predictive", *BASELINES),
     seeds: int = 5,

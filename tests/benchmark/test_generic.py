@@ -149,7 +149,6 @@ def test_axes_of_a_device_have_scores_of_their_own() -> None:
     each = [found.scores[f"{axis}.rms_torque_error"] for axis in ("hip", "ankle")]
     assert np.allclose(found.scores["rms_torque_error"], np.mean(each, axis=0))
     assert len(found.plants["plant_friction"][0]) == 2
-    assert {"hip.phase", "ankle.joint_torque_nm"} <= set(found.trace)
     alone = play(dataclasses.replace(cell, seeds=(1,)))
     for name, values in alone.scores.items():
         assert np.array_equal(values, found.scores[name][1:], equal_nan=True)
@@ -187,7 +186,7 @@ def test_a_file_is_benchmarked_and_verified_until_it_changes(
 
 
 def test_suites_say_what_they_cannot_play(knee: str) -> None:
-    with pytest.raises(CableError, match="motor at its heel"):
+    with pytest.raises(CableError, match="not exosuit: `--suite generic`"):
         SUITES["v1"].conditions("exosuit")
     for scene in (knee, "hand"):
         with pytest.raises(CableError, match=f"not {scene}: `--suite generic` plays"):

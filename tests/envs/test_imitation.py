@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import train_policy
 
+from cc_mujoco.benchmark import trained_on
 from cc_mujoco.control import Network, read_policy
 from cc_mujoco.simulation._worn_device import Ranges
 
@@ -48,7 +49,10 @@ def test_the_bench_plays_the_motions_of_its_other_training() -> None:
 @pytest.mark.parametrize("scene", ["wrist", "exosuit"])
 def test_every_effect_is_in_some_plants_alone_and_in_all_cables(scene: str) -> None:
     device = train_policy.device_of(scene)
-    ranges = imitate.structure(device)
+    effects = imitate.structure(device)
+    ranges = {name: own for each in effects.values() for name, own in each.items()}
+    fewer = imitate.structure(device, ["viscous"])
+    assert fewer == {name: own for name, own in effects.items() if name != "viscous"}
     assert {"viscous_friction", "bristle_length", "stribeck_friction"} <= {
         name.partition(".")[2] for name in ranges
     }
@@ -121,6 +125,7 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     script = Path(imitate.__file__)
     words = [sys.executable, str(script), "--scene", "finger", "--out", str(tmp_path)]
     more = ["--rounds", "3", "--updates", "5", "--envs", "6", "--seconds", "0.6"]
+    more += ["--without", "viscous"]
     done = subprocess.run(
         [*words, *more], check=True, capture_output=True, cwd=script.parents[1]
     )
@@ -138,6 +143,8 @@ def test_the_script_writes_a_policy_that_reads_what_the_student_saw(
     assert network.motors == 1
     again = subprocess.run(words, capture_output=True, cwd=script.parents[1])
     assert b"is there already" in again.stderr
+    stated = trained_on(str(tmp_path / "0.safetensors")).split(", ")
+    assert {"presliding", "tremor"} <= set(stated) and "viscous" not in stated
 
 
 def test_a_network_of_the_file_acts_like_the_student() -> None:

@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._events import find_events, leave_out, sized
 from cc_mujoco.diagnosis._fit.dead_zone import dead_zones, describe_dead_zones
-from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
+from cc_mujoco.diagnosis._fit.fit import BaselineFit, Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
 from cc_mujoco.diagnosis._learn.residual import learn_residual
@@ -205,7 +205,7 @@ def run_inference(
 ) -> DiagnosisResult:
     """Return the diagnosis of trials in which `load` finds no error, no proposal."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
-    found, events = _search_thinned(dataset, bench, settings, progress)
+    found, events = _search_without_events(dataset, bench, settings, progress)
     if isinstance(found, Diagnosis):
         return DiagnosisResult(found, bench)
     evidence = evidence_of(found)
@@ -231,57 +231,58 @@ def run_inference(
     return DiagnosisResult(diagnosis, bench, evidence, problem, x, found)
 
 
-def _search_thinned(
-    dataset: Dataset, bench: Bench, settings: Options, progress: Progress
-) -> tuple[Found | Diagnosis, list[Event]]:
-    """Search with long trials thinned, or with all samples if the model needs them."""
-    if any(np.ptp(trial.time) > Limit.long_trial for trial in dataset.trials):
-        quick = replace(settings, thinned=True)
-        found, events = _search_without_events(dataset, bench, quick, progress)
-        if (
-            isinstance(found, Diagnosis)
-            or found.search.interrupted
-            or found.fitted.resolves(found.problem, found.x)
-        ):
-            return found, events
-    return _search_without_events(dataset, bench, settings, progress)
-
-
 def _search_without_events(
     dataset: Dataset, bench: Bench, settings: Options, progress: Progress
 ) -> tuple[Found | Diagnosis, list[Event]]:
     """Return the search in all data but events, or why none is made; and the events.
 
-    They are looked for in the tuned scene, and again in the model that was found.
+    They are looked for in the tuned scene, and again in the model that was found. Long
+    trials are thinned until a model needs all samples; then all begins again.
     """
-    events: list[Event] = []
+    events, whole = list[Event](), dataset
+    long = any(np.ptp(trial.time) > Limit.long_trial for trial in dataset.trials)
+    settings = replace(settings, thinned=long)
     fitted = fit_scene(dataset, bench, settings, progress)
     while not isinstance(fitted, Diagnosis):
-        more, found = len(events) < Limit.max_events, None
+        more = len(events) < Limit.max_events
         happened = find_events(fitted.problem, fitted.whole.x, dataset) if more else []
-        if not happened:
+        rests = _without_events(dataset, happened, bench, settings, progress)
+        if not rests:
             found = search_effects(fitted, progress)
             if found.search.interrupted:
                 return found, events
+            if not fitted.resolves(found.problem, found.x):
+                settings, dataset = replace(settings, thinned=False), whole
+                events.clear()
+                fitted = fit_scene(dataset, bench, settings, progress)
+                continue
             off = found.problem.effects or fitted.crossed.misfit > Limit.layout_error
-            if more and off:
-                model = found.problem, found.x
-                happened = find_events(*model, dataset, any_motion=True)
-        rests = []
-        for event in happened:
-            rest = leave_out(dataset, event)
-            again = fit_scene(rest, bench, settings, progress)
-            if not isinstance(again, Diagnosis):
-                rests.append((again.crossed.misfit, event, rest, again))
-        if rests:
-            # Of two sides the larger stays unless the smaller fits much better.
-            worse = Limit.max_remaining_ratio * rests[-1][0] < rests[0][0]
-            _, event, dataset, fitted = rests[-1 if worse else 0]
-            events.append(event)
-            continue
-        # No event, or too little left without it
-        return found or search_effects(fitted, progress), events
+            if not (more and off):
+                return found, events
+            model = found.problem, found.x
+            happened = find_events(*model, dataset, any_motion=True)
+            rests = _without_events(dataset, happened, bench, settings, progress)
+        if not rests:  # no event, or too little left without it
+            return found, events
+        # Of two sides the larger stays unless the smaller fits much better.
+        worse = Limit.max_remaining_ratio * rests[-1][0] < rests[0][0]
+        _, event, dataset, fitted = rests[-1 if worse else 0]
+        events.append(event)
     return fitted, events
+
+
+def _without_events(
+    dataset: Dataset, events: Sequence[Event], bench: Bench, settings: Options,
+    progress: Progress,
+) -> list[tuple[float, Event, Dataset, BaselineFit]]:  # fmt: skip
+    """Return misfit, remaining data and fit without each event that leaves enough."""
+    rests = []
+    for event in events:
+        rest = leave_out(dataset, event)
+        again = fit_scene(rest, bench, settings, progress)
+        if not isinstance(again, Diagnosis):
+            rests.append((again.crossed.misfit, event, rest, again))
+    return rests
 
 
 def with_proposal(result: DiagnosisResult) -> DiagnosisResult:

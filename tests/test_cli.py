@@ -22,10 +22,12 @@ import cc_mujoco
 from cc_mujoco import cli, viz
 from cc_mujoco._utils import command_options
 from cc_mujoco.assets import scene_path
+from cc_mujoco.cli import _play as play
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import commands
 from cc_mujoco.device import find_device
 from cc_mujoco.export import EXPORTED
+from cc_mujoco.metrics import Metric
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import EPISODE_FILES, _episode_files
 from plugin.processes import processes
@@ -891,3 +893,13 @@ def test_an_unwritable_folder_is_refused_before_the_simulation(
     assert (
         said == f"cc-mujoco: cannot write {out}: {blocked} is {kind}, and no folder.\n"
     )
+
+
+def test_metrics_of_cables_stand_in_no_column_of_an_axis() -> None:
+    units = {"hip.work": "J", "slack_cord": "s", "knee.work": "J", "slack_band": "s"}
+    found = {Metric(n, u, "", len): k + 0.5 for k, (n, u) in enumerate(units.items())}
+    names, work, blank, *cables = play._table(found, ("hip.", "knee."))
+    assert names.split() == ["hip", "knee"]
+    assert work.split() == ["work", "0.5", "2.5", "J"]
+    assert blank == ""
+    assert [line.split()[0] for line in cables] == ["slack_cord", "slack_band"]

@@ -372,7 +372,6 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
 
 
 def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
-    """Return the trajectory with the period of its gait multiplied by `factor`."""
     if isinstance(source, Walk):
         return dataclasses.replace(source, period=factor * source.period)
     if isinstance(source, Together):

@@ -489,7 +489,6 @@ def _parse_sections(text: str) -> tuple[Section, ...] | None:
 
 
 def _section_text(section: Section) -> str:
-    """Return a section as text that `_parse_sections` reads."""
     plain = section == Section(section.length, section.radius)
     return ":".join(map(repr, section[:2] if plain else section))
 

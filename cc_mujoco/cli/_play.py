@@ -235,7 +235,7 @@ class Play:
 
 
 def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of a table of metrics, one column for each axis."""
+    """Yield lines of metrics, a column for each axis, then those of no axis."""
     from cc_mujoco.metrics._metric import value_text
 
     rows: dict[tuple[str, str], dict[str, float]] = {}
@@ -248,7 +248,10 @@ def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[s
     if axes:
         names = " ".join(f"{a:>{w}}" for a, w in zip(axes, widths, strict=True))
         yield f"{'':32} {names}"
-    for (name, unit), row in rows.items():
+    shared = [name for name, row in rows.items() if "" in row]
+    for (name, unit), row in sorted(rows.items(), key=lambda item: item[0] in shared):
+        if axes and (name, unit) in shared[:1]:
+            yield ""
         if "" in row:
             yield f"{name:32} {value_text(row['']):>10} {unit}"
             continue

@@ -122,7 +122,6 @@ class ModelBased(ProportionalIntegral):
         return found
 
     def _scale_friction(self, row: int, factor: float) -> None:
-        """Multiply the friction in the model of an environment by a factor."""
         if self._played and factor == self._played[row][1]:
             return
         own = law_steps.model_memory(self._memory[row], self._shape)

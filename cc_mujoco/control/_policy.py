@@ -320,13 +320,11 @@ def write_policy(
 
     Raises:
         CableError: If the network is not for as many numbers as are observed, or as
-            many motors, or the name of the file ends otherwise.
+            many motors, or the file has another ending.
     """
     if not os.fspath(path).endswith(".safetensors"):
-        raise CableError(
-            f"a policy is written as *.safetensors, not to {os.fspath(path)!r}; name "
-            "such a file."
-        )
+        name = os.fspath(path)
+        raise CableError(f"a policy is written as *.safetensors, not to {name!r}.")
     each = (observed,) if isinstance(observed, Observed) else tuple(observed)
     _require_fit(network, each)
     tensors = {"mean": network.mean, "deviation": network.deviation}

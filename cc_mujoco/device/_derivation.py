@@ -244,7 +244,6 @@ def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End
 
 
 def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
-    """Return the table of each axis in the description, by the name of its motor."""
     given, names = table.content.get("axis", []), list(motors)
     several = isinstance(given, list)
     tables: dict[str, Table] = {}

@@ -129,7 +129,6 @@ def _infers_always(body: Any) -> bool:
 
 
 def _moves(body: Any) -> bool:
-    """Return whether a joint moves the body or one of its ancestors."""
     while body is not None:
         if body.joints:
             return True

@@ -307,7 +307,6 @@ def play(
 
 
 def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
-    """Add the virtual spring of an axis to its joint in the model."""
     joint, added = model.joint(axis.joint), spring_stiffness(axis)
     there = float(joint.stiffness[0])
     if axis.centre:

@@ -442,7 +442,6 @@ def _floats(torque: Any, count: int) -> list[float]:
 
 
 def _error_text(error: Exception) -> str:
-    """Return the text of an error, with its type unless it is a `CableError`."""
     kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
     return f"{kind}{error}"
 

@@ -277,7 +277,6 @@ def _angle_columns(
     side: str,
     picked: Mapping[str, tables.Column],
 ) -> dict[str, tables.Column]:
-    """Return the column of angles of each joint, that of the driven joint first."""
     if picked and not joints:
         return dict(picked)
     with_unit: dict[Words, list[str]] = {}

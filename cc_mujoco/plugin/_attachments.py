@@ -472,7 +472,6 @@ def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
 
 @internal
 def _keep_tree_awake(model: MjModel, body: int) -> int:
-    """Do `keep_awake` for the tree of one body."""
     tree = model.body_treeid[body]
     if tree < 0:
         return -1

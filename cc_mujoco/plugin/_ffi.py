@@ -254,10 +254,7 @@ def append_label(message: Message, name: Bytes, index: int) -> None:
 
 @internal
 def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
-    """Append `value` times 1000, rounded down to three decimals, and its `unit`.
-
-    Numbers from 1e12 on and those below 0.01 have an exponent.
-    """
+    """Append `value` times 1000, rounded down to three decimals, and its `unit`."""
     if value < 0.0:
         append(message, "-")
     value, exponent = abs(value), 0
@@ -265,7 +262,7 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
         append(message, "inf" if value > 0.0 else "nan")
         append(message, unit)
         return
-    if value >= 1e9:  # from where on there is an exponent
+    if value >= 1e9:  # from where on, and below 1e-5, there is an exponent
         exponent = 3
         while value >= 10.0:
             value /= 10.0

@@ -16,7 +16,6 @@ from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import CableWarning, look_up
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _readings as readings
-from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._registration import plugin_function
 
@@ -57,7 +56,7 @@ def settle(
     or `data.plugin_state` into a row of the bound `plugin_state`.
 
     Args:
-        model: a model with cables.
+        model: a model; without cables this is `mj_forward`, and a `CableWarning`.
         data: its simulation.
         rope: `"remount"` for the pretension in this pose, as of a scene that begins
             here; `"keep"` for the rope mounted in `qpos0`, as of a state that is
@@ -65,9 +64,6 @@ def settle(
 
     Raises:
         CableError: `rope` is neither, or the data are of another model.
-
-    Warns:
-        CableWarning: the model has no cables, so that this is `mj_forward` alone.
     """
     keeps = look_up("rope", rope, {"remount": 0, "keep": 1})
     require_kind("model", model, mujoco.MjModel)
@@ -75,8 +71,7 @@ def settle(
     readings.require_data_of(model, data)
     held = [readings.held_instance(model, data, name) for name in instances(model)]
     if not held:
-        text = f"settle finds no cable of plugin `{PLUGIN}` in this model."
-        warnings.warn(text, CableWarning, stacklevel=2)
+        warnings.warn("settle finds no cable in this model", CableWarning, 2)
     mujoco.mj_fwdPosition(model, data)
     lay = plugin_function("settle")
     for instance in held:

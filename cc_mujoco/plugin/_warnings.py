@@ -62,11 +62,8 @@ def content(model: MjModel, instance: int) -> int:
 def begin_message(
     room: int, model: MjModel, instance: int, block: Block
 ) -> ffi.Message:
-    """Begin a message on an instance in the zeroed memory at address `room`.
-
-    `block` is that of a simulation, or 0. Warnings come once for the model that it was
-    made of, so that a model whose numbers change as it runs does not repeat them.
-    """
+    """Begin a message on an instance in the zeroed memory at address `room`."""
+    # A model whose numbers change as it runs does not repeat its warnings.
     message = ffi.message_at(room)
     message.about = content(model, instance) if block == 0 else block.content
     for part in ("plugin `", PLUGIN, "`, instance "):
@@ -104,20 +101,18 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
         return
     block = blocks.acting_block(model, data, instance)
     own = blocks.own_block(model, data, instance)
+    why: ffi.Bytes = (
+        "its tension is no finite number: its part of `plugin_state`, its route or "
+        "the motion of an end is none; reset the data"
+    )
     if not ffi.has_timestep(model):
-        warn_once(model, instance, own, NO_TIMESTEP)
+        why = NO_TIMESTEP
     elif block == 0 or block.other_kind != 0:
-        warn_once(
-            model, instance, own,
+        why = (
             "its data were made by a model with other sizes or another kind of path, "
-            "so the cable does not pull; make new data of this model",
-        )  # fmt: skip
-    else:
-        warn_once(
-            model, instance, own,
-            "its tension is no finite number: its part of `plugin_state`, its route or "
-            "the motion of an end is none; reset the data",
-        )  # fmt: skip
+            "so the cable does not pull; make new data of this model"
+        )
+    warn_once(model, instance, own, why)
 
 
 @internal
@@ -433,29 +428,23 @@ def _cannot_pull_reason(
 
 
 @internal
-def _has_ignored(model: MjModel, actuator: int, which: int) -> bool:
-    """Return whether an end has the attribute at index `which` of `_IGNORED`."""
-    if which == 0:
-        return bool(model.actuator_delay[actuator] != 0.0)
-    is_dynamic = bool(model.actuator_dyntype[actuator] != mjtDyn.mjDYN_NONE)
-    if which == 1:
-        return is_dynamic
-    if which == 2:
-        return bool(model.actuator_actnum[actuator] != 0 and not is_dynamic)
-    return bool(model.actuator_ctrllimited[model.actuator_ctrladr[actuator]] != 0)
-
-
-@internal
 def warn_ignored(model: MjModel, block: Block) -> None:
     """Warn, once, of attributes and elements that do nothing for an instance."""
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, block.instance, block)
     start = message.used
     for end in range(2):
-        for which in range(len(_IGNORED)):
-            if _has_ignored(model, block.actuators[end], which):
+        actuator = block.actuators[end]
+        is_plain = model.actuator_dyntype[actuator] == mjtDyn.mjDYN_NONE
+        found = np.zeros(4)
+        found[0] = model.actuator_delay[actuator]
+        found[1] = not is_plain
+        found[2] = model.actuator_actnum[actuator] if is_plain else 0
+        found[3] = model.actuator_ctrllimited[model.actuator_ctrladr[actuator]]
+        for which in range(found.size):
+            if found[which] != 0.0:
                 message.used = start
-                attachments.blame(message, model, block.actuators[end], " has `")
+                attachments.blame(message, model, actuator, " has `")
                 ffi.append(message, _IGNORED[which])
                 ffi.append(
                     message,
@@ -470,11 +459,7 @@ def warn_ignored(model: MjModel, block: Block) -> None:
             ffi.append(message, "its <plugin> in body ")
             name = ffi.name(model, model.name_bodyadr[body])
             ffi.append_label(message, name, body)
-            ffi.append(
-                message,
-                " has no effect; take it away there, as a cable acts by its two "
-                "actuators alone",
-            )
+            ffi.append(message, " has no effect; take it away there")
             issue_once(message)
 
 

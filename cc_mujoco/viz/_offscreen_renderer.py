@@ -12,6 +12,7 @@ and averaged. Moving parts cast no shadow.
 import copy
 import ctypes.util
 import importlib
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -38,11 +39,7 @@ class Exposure(NamedTuple):
 
 
 SUPERSAMPLING = 2  # pixels drawn per pixel, along either side; see `_downsample`
-MAX_GROWTH = 1.3
-"""Largest factor on the size of what moves by which a picture grows to show the rest.
-
-The trunk and head of a walker take 1.2, a test bench 2 to 4.
-"""
+MAX_GROWTH = 1.3  # of a picture for what stands still: a trunk takes 1.2, a bench 2
 
 
 def require_opengl() -> None:
@@ -202,19 +199,15 @@ class OffscreenRenderer:
         flat = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD
         kinds = [geom.type for geom in self._scene.geoms[: self._scene.ngeom]]
         still = _screen_boxes(self._scene)[~np.isin(kinds, flat)]
-        center, tall = self._framed(np.concatenate(boxes))
-        all_center, all_tall = self._framed(np.concatenate([*boxes, still]))
-        if all_tall <= MAX_GROWTH * tall:
-            center, tall = all_center, all_tall
-        tall *= 1.12  # a margin
+        least, ratio = math.inf, self._size[0] / self._size[1]
+        for shown in boxes, [*boxes, still]:
+            low, high = np.concatenate(shown).T.reshape(2, 2, -1)
+            low, high = low.min(axis=1), high.max(axis=1)
+            half = 0.5 * (high - low)
+            size = max(half[1], half[0] * ratio)
+            if size <= MAX_GROWTH * least:
+                least, center, tall = size, 0.5 * (low + high), 1.12 * size
         return float(center[0]), float(center[1] - tall), float(center[1] + tall)
-
-    def _framed(self, boxes: Array) -> tuple[Array, float]:
-        """Return centre and half the height of the picture that holds `boxes`."""
-        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-        half = 0.5 * (high - low)
-        ratio = self._size[0] / self._size[1]
-        return 0.5 * (low + high), float(max(half[1], half[0] * ratio))
 
     def _tiles(self) -> Iterator[tuple[slice, slice]]:
         """Yield rows and columns of the picture's parts that moving geoms may cover."""

@@ -380,7 +380,6 @@ class AttachedCables:
         )
 
     def _require_axis_inside_pulley(self, index: int, cable: Cable) -> None:
-        """Require that a pulley's axis lies inside of it, as the plugin does."""
         swing = cable.eccentricity + cable.ovality
         radius = abs(float(self._model.actuator_gear[self._actuators_of[index][0], 0]))
         if swing >= radius:

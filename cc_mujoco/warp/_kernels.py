@@ -344,7 +344,6 @@ def _add_moment(
     moments: Moments, world: int, actuator: int, force: float,
     total: wp.array2d(dtype=float),
 ):  # fmt: skip
-    """Add the generalised force of an actuator's `force` to `total` (worlds, nv)."""
     for i in range(moments.moment_rownnz[world, actuator]):
         k = moments.moment_rowadr[world, actuator] + i
         column = moments.moment_colind[world, k]

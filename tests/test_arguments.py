@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,7 @@ from cc_mujoco.cable import Cable, Conduit, Section, Transmission, replay, rest_
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation import (
-    FrictionEstimator,
-    Measurement,
-    TensionFusion,
-    calibrate,
-    fuse,
-)
+from cc_mujoco.estimation import Measurement, calibrate
 
 CABLE = Cable(friction=0.2, conduit=(Section(1.0, 0.2),), segments=4)
 SENSORS = Sensors((0, 2, 4), (1.0, 1.0, 1.0))
@@ -38,14 +31,6 @@ Call = tuple[Callable[..., Any], dict[str, Any]]
 
 def _of(make: Callable[..., Any], method: str) -> Callable[..., Any]:
     return lambda **given: getattr(make(), method)(**given)
-
-
-def _fusion() -> TensionFusion:
-    return TensionFusion(CABLE, SENSORS)
-
-
-def _friction() -> FrictionEstimator:
-    return FrictionEstimator(CABLE, SENSORS)
 
 
 CALLS: dict[str, Call] = {
@@ -89,50 +74,6 @@ CALLS: dict[str, Call] = {
         Sensors.at,
         {"cable": CABLE, "positions": (0.1, 0.9), "deviation": 1.0},
     ),
-    "fuse": (
-        partial(fuse, gain=np.ones((3, 5))),
-        {"reading": ROW, "deviation": [1.0] * 3, "weights": "mean"},
-    ),
-    "TensionFusion": (
-        TensionFusion,
-        {"cable": CABLE, "sensors": SENSORS, "weights": "mean", "at_rest": "hold"},
-    ),
-    "TensionFusion.reset": (
-        _of(_fusion, "reset"),
-        {"tension": [1.0] * 5, "deviation": 1.0, "shape": (2,)},
-    ),
-    "TensionFusion.update": (
-        _of(_fusion, "update"),
-        {"reading": ROW, "direction": SLIP},
-    ),
-    "TensionFusion.over": (
-        _of(_fusion, "over"),
-        {"reading": [ROW, ROW], "direction": [SLIP, SLIP]},
-    ),
-    "TensionFusion.noise": (
-        lambda noise: setattr(_fusion(), "noise", noise),
-        {"noise": [1.0] * 3},
-    ),
-    "FrictionEstimator": (
-        FrictionEstimator,
-        {
-            "cable": CABLE,
-            "sensors": SENSORS,
-            "start": 0.1,
-            "spread": 0.1,
-            "memory": 100.0,
-            "drift": 0.1,
-        },
-    ),
-    "FrictionEstimator.update": (
-        _of(_friction, "update"),
-        {"reading": ROW, "direction": SLIP},
-    ),
-    "FrictionEstimator.over": (
-        _of(_friction, "over"),
-        {"reading": [ROW, ROW], "direction": [SLIP, SLIP]},
-    ),
-    "FrictionEstimator.rebend": (_of(_friction, "rebend"), {"angles": [1.0] * 4}),
     "Measurement": (Measurement, TRIAL),
     "calibrate": (
         calibrate,
@@ -215,15 +156,3 @@ def test_numbers_that_overflow_are_refused_with_their_place() -> None:
         replay(CABLE, 1e-3, tension_proximal=[1.0, 1e308], u_distal=[0.0, 0.0])
     with pytest.raises(CableError, match=r"joint_radius must be a number in \[1e-06"):
         Transmission.single(CABLE, 0.02, 1e308)
-
-
-def test_a_direction_of_slip_is_a_sign() -> None:
-    for estimator in (_fusion(), _friction()):
-        with pytest.raises(CableError, match="direction is 7; every one must be -1"):
-            estimator.update(ROW, [1, 7, 1, 1])
-
-
-def test_samples_of_a_recording_are_equal_in_number() -> None:
-    for estimator in (_fusion(), _friction()):
-        with pytest.raises(CableError, match="reading 2, direction 1"):
-            estimator.over([ROW, ROW], [SLIP])

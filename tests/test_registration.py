@@ -29,7 +29,7 @@ SCRIPTS = {
     "MuJoCo alone": "import sys, mujoco\nassert 'cc_mujoco' not in sys.modules",
     "the physics and estimation": (
         "import sys, cc_mujoco.cable, cc_mujoco.estimation\n"
-        "assert cc_mujoco.cable.replay and cc_mujoco.estimation.FrictionEstimator\n"
+        "assert cc_mujoco.cable.replay and cc_mujoco.estimation.calibrate\n"
         "assert not {'mujoco', 'cc_mujoco.plugin'} & set(sys.modules)"
     ),
     "a MuJoCo too old for the plugin": (

@@ -15,9 +15,8 @@ import pytest
 
 from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.control import CONTROLLERS, Controller, controller
-from cc_mujoco.device import MEASURED_COLUMNS, TENSION_COLUMN, Sensors
+from cc_mujoco.device import MEASURED_COLUMNS, TENSION_COLUMN
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation import FrictionEstimator
 
 THREADS, CALLS, ROWS = 4, 30, 40
 CABLE = Cable(friction=0.2, conduit=(Section(2.0, 0.3),))
@@ -85,17 +84,15 @@ def _drive() -> Any:
     return gymnasium.make("cc_mujoco/Device-v1", device="wrist").unwrapped.drive
 
 
-def test_a_cable_and_an_estimator_serve_one_thread_at_a_time() -> None:
+def test_a_cable_serves_one_thread_at_a_time() -> None:
     conduit = Conduit(CABLE)
-    estimator = FrictionEstimator(CABLE, Sensors.at(CABLE, (0.2, 1.8), 1.0))
-    direction = np.ones(CABLE.segments, dtype=np.int8)
-    for call in (
-        lambda: conduit.step(1e-3, u_proximal=-1e-3, u_distal=0.0),
-        lambda: estimator.update(np.array([20.0, 15.0]), direction),
-    ):
-        for error in together(call):
-            assert error.endswith("make one for each thread.")
-        call()
+
+    def call() -> object:
+        return conduit.step(1e-3, u_proximal=-1e-3, u_distal=0.0)
+
+    for error in together(call):
+        assert error.endswith("make one for each thread.")
+    call()
     assert np.isfinite(conduit.tension).all()
 
 

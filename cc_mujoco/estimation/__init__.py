@@ -1,8 +1,7 @@
-"""Estimation of a cable's friction, tensions and other parameters.
+"""Estimation of a cable's parameters from trials.
 
-estimator = FrictionEstimator(cable, sensors, start=0.3)        # while it runs,
-estimator.update(measured, cc_mujoco.read(model, data, "flexor").slip)   # step by step
-track = estimator.over(measured, directions)                    # or from a recording
+trial = Measurement(dt, inputs, outputs, noise)         # what drove it, what it did
+found = calibrate([trial], cable_or_transmission, ("friction", "pretension"))
 """
 
 import lazy_loader

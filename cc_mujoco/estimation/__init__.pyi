@@ -1,9 +1,4 @@
 from ._calibration import Calibration as Calibration
 from ._calibration import Measurement as Measurement
 from ._calibration import calibrate as calibrate
-from ._fusion import Fused as Fused
-from ._fusion import TensionFusion as TensionFusion
-from ._fusion import fuse as fuse
 from ._least_squares import Estimate as Estimate
-from ._tension_slope import FrictionEstimator as FrictionEstimator
-from ._tracks import EstimateTrack as EstimateTrack

@@ -24,23 +24,13 @@ its noise is left out too.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from cc_mujoco._utils.arguments import numbers, require_kind
-from cc_mujoco._utils.exclusive import exclusive
-from cc_mujoco._validation import require_number
 from cc_mujoco.cable._cable import Cable
+from cc_mujoco.cable._conduit import packed_parameters
+from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._recursive import RecursiveEstimate
-from cc_mujoco.estimation._tracks import (
-    EstimateTrack,
-    NoisySensors,
-    checked_sample,
-    rows,
-    wrap_angles,
-)
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
 
@@ -64,7 +54,9 @@ def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
 class SlopeEquations(NamedTuple):
     """Sensors along a cable, and the equations of their readings at one instant."""
 
-    design: FloatMatrix  # row of every sensor, see `SlopeEstimator` (m, p)
+    design: (
+        FloatMatrix  # of every sensor, d ln T by each parameter, all slip distal (m, p)
+    )
     nodes: IntArray  # (m,)
     noise: FloatArray  # standard deviations (m,) [N]
     rows: FloatMatrix  # scratch: rows of one moving part (m, p)
@@ -170,21 +162,23 @@ def require_slope(cable: Cable) -> None:
     )
 
 
+def wrap_angles(cable: Cable) -> FloatArray:
+    """Return the wrap angle from the proximal end to every node (n + 1,) [rad]."""
+    angles = segment_angles(packed_parameters(cable), cable.segments)
+    return np.concatenate([[0.0], np.cumsum(angles)])
+
+
 def require_bend_between(cable: Cable, sensors: Sensors) -> None:
     """Refuse sensors with no bend between them, which cannot measure friction."""
-    _require_two_sensors(sensors)
-    if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
-        raise CableError(
-            "the conduit is straight between the sensors; friction shows only where it "
-            "bends"
-        )
-
-
-def _require_two_sensors(sensors: Sensors) -> None:
     if len(set(sensors.nodes)) < 2:
         raise CableError(
             f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least two "
             "different ones"
+        )
+    if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
+        raise CableError(
+            "the conduit is straight between the sensors; friction shows only where it "
+            "bends"
         )
 
 
@@ -193,155 +187,3 @@ def has_slope(term: Term) -> bool:
     if term.acts_on == "coefficient":
         return set(term.depends_on) <= {"time"}
     return term.acts_on != "drag"
-
-
-class SlopeEstimator(NoisySensors):
-    """Base of estimators of parameters in which the logarithm of tension is linear."""
-
-    def __init__(
-        self,
-        cable: Cable,
-        sensors: Sensors,
-        design: FloatArray,
-        fit: RecursiveEstimate,
-        memory: float,
-    ) -> None:
-        """Start from the state of `fit`.
-
-        `design` (n + 1, p) is the derivative of ln T at every node, from the proximal
-        end, by each parameter when all slips towards distal. `memory` is that of the
-        misfit, in samples.
-        """
-        _require_two_sensors(sensors)
-        require_slope(cable)
-        self._fit, self.sensors, self._segments = fit, sensors, cable.segments
-        self._nodes = sensors.on(cable).astype(np.int64)
-        self.noise = np.array(sensors.deviation)
-        self._lay(design)
-        self._fading = float(np.exp(-1.0 / memory))
-        self.reset()
-
-    def _lay(self, design: FloatArray) -> None:
-        """Set the derivatives of ln T at the sensors from those at all nodes."""
-        self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
-
-    def reset(self) -> None:
-        """Restore the start values; the noise of the sensors stays as set."""
-        self._fit.reset()
-        self._squares, self._count = 0.0, 0.0
-
-    @property
-    def misfit(self) -> float:
-        """RMS residual over the noise; 1 if model and noise are right, NaN at first."""
-        if self._count == 0.0:
-            return float("nan")
-        return float(np.sqrt(self._squares / self._count))
-
-    def _take(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Include the readings of the next instant, see `FrictionEstimator.update`."""
-        sensors, parameters = self._design.shape
-        tensions, sign = checked_sample(reading, direction, sensors, self._segments)
-        information, target = np.empty((parameters, parameters)), np.empty(parameters)
-        equations = SlopeEquations(
-            self._design, self._nodes, self._noise, np.empty_like(self._design),
-            np.empty(sensors), np.empty(sensors), information, target,
-        )  # fmt: skip
-        power, count = run_equations(equations, self._fit.value, tensions, sign)
-        if count == 0 or not np.any(information):
-            return
-        self._fit.update(information, target)
-        value = self._fit.value
-        squares = power + float(value @ (information @ value - 2.0 * target))
-        self._squares = self._fading * self._squares + max(squares, 0.0)
-        self._count = self._fading * self._count + count
-
-
-class FrictionEstimator(SlopeEstimator):
-    """Estimator of the kinetic friction coefficient mu_d while the cable runs."""
-
-    def __init__(
-        self,
-        cable: Cable,
-        sensors: Sensors,
-        *,
-        start: float | None = None,
-        spread: float = 0.2,
-        memory: float = 500.0,
-        drift: float = 0.0,
-    ) -> None:
-        """Start from a guess.
-
-        Args:
-            cable: the cable; only its wrap angles are used. Friction terms that change
-                d ln T / dx = s mu/R must be off.
-            sensors: two tension sensors or more.
-            start: the guess; default the cable's friction.
-            spread: standard deviation of the guess.
-            memory: number of moving samples after which a sample's weight is 1/e. Noise
-                falls with its root; the estimate lags a drift by as many samples.
-            drift: standard deviation of the rate of drift, per moving sample; it widens
-                `deviation` by the lag.
-
-        Raises:
-            CableError: sensors or a cable from which friction cannot be estimated, or
-                an invalid start, spread or memory.
-        """
-        require_kind("cable", cable, Cable)
-        require_kind("sensors", sensors, Sensors)
-        guess = cable.friction if start is None else start
-        require_number("start", guess, 0.0, 1e3, "")
-        require_number("memory", memory, 1.0, 1e12, "samples")
-        require_bend_between(cable, sensors)
-        fit = RecursiveEstimate(guess, spread, memory, drift)
-        super().__init__(cable, sensors, wrap_angles(cable)[:, None], fit, memory)
-
-    @property
-    def friction(self) -> float:
-        """Present estimate of the friction coefficient [-]."""
-        return float(self._fit.value[0])
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the error of `friction` [-], by noise and by drift."""
-        return float(self._fit.deviation[0])
-
-    def rebend(self, angles: ArrayLike) -> None:
-        """Use other wrap angles (n,) [rad] from now on, as of a path measured anew.
-
-        Raises:
-            CableError: another shape, or an angle that is negative or not finite.
-        """
-        given = numbers(
-            "the array of wrap angles", angles, (self._segments,), 1e6, "rad"
-        )
-        if np.any(given < 0.0):
-            raise CableError(f"wrap angles are {given.min()} rad; none is less than 0")
-        self._lay(np.concatenate([[0.0], np.cumsum(given)])[:, None])
-
-    @exclusive
-    def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
-        """Return the friction estimated with the readings of the next instant.
-
-        `reading` is that of every sensor (m,) [N], `direction` the slip of every
-        segment, -1, 0 or 1, (n,).
-
-        Raises:
-            CableError: shapes that match neither the sensors nor the cable, a reading
-                that is not finite, or another direction.
-        """
-        self._take(reading, direction)
-        return self.friction
-
-    def over(self, reading: ArrayLike, direction: ArrayLike) -> EstimateTrack:
-        """Estimate friction over a recording, from the present state on.
-
-        Readings are (samples, m) [N], directions (samples, n).
-
-        Raises:
-            CableError: unequal numbers of samples, or as `update`.
-        """
-        found = [
-            (self.update(*row), self.deviation)
-            for row in rows(reading=reading, direction=direction)
-        ]
-        return EstimateTrack(*np.reshape(found, (-1, 2)).T)

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from cc_mujoco.cable import Cable, Conduit, Section, replay
 from cc_mujoco.cable._conduit import node_lengths
-from cc_mujoco.estimation._tracks import wrap_angles
+from cc_mujoco.estimation._tension_slope import wrap_angles
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 

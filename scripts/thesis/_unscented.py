@@ -32,8 +32,9 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import Replay, node_lengths, replay
-from cc_mujoco.estimation._tracks import EstimateTrack, wrap_angles
+from cc_mujoco.estimation._tension_slope import wrap_angles
 from cc_mujoco.native import FloatArray
+from thesis._estimators import EstimateTrack
 
 CONVERGED_SIGMAS, ROUNDS = 0.1, 8
 """Change of the mean, in standard deviations, below which a window is done; most

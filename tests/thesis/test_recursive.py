@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.estimation._recursive import RecursiveEstimate
-from thesis._experiments.online import RecursiveLeastSquares
+from thesis._estimators import RecursiveLeastSquares
 
 
 def test_endless_memory_is_bayesian_least_squares() -> None:
@@ -33,22 +32,3 @@ def test_silent_direction_is_not_forgotten() -> None:
         fit.update(np.diag([1.0, 0.0]), np.array([5.0, 0.0]))
     assert fit.value[0] == pytest.approx(5.0, rel=0.01)
     assert (fit.value[1], fit.covariance[1, 1]) == pytest.approx(before)
-
-
-def test_one_parameter_is_followed_as_one_of_two() -> None:
-    """It has a recursion of its own, without matrices, which runs in C too."""
-    random = np.random.default_rng(8)
-    alone = RecursiveEstimate(0.3, 0.2, 50.0, 1e-3)
-    beside = RecursiveLeastSquares([0.3, 1.0], [0.2, 1.0], 50.0, [1e-3, 0.0])
-    for size, told in zip(
-        random.uniform(0.0, 40.0, 200), random.normal(8.0, 3.0, 200), strict=True
-    ):
-        alone.update(np.array([[size]]), np.array([told]))
-        beside.update(np.diag([size, 0.0]), np.array([told, 0.0]))
-        assert alone.value[0] == pytest.approx(beside.value[0], rel=1e-10)
-        assert alone.deviation[0] == pytest.approx(
-            np.sqrt(beside.covariance[0, 0]), rel=1e-8
-        )
-    before = alone.value[0]
-    alone.update(np.zeros((1, 1)), np.zeros(1))
-    assert alone.value[0] == before

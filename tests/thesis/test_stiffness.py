@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cc_mujoco.device import Sensors
-from cc_mujoco.estimation import EstimateTrack
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
+from thesis._estimators import EstimateTrack
 from thesis._experiments.online import StiffnessEstimator
 
 FINE = CABLE.replace(segments=40, pretension=20.0)

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Cable, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
+from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.native import FloatArray
 from thesis import _directions as directions
+from thesis._estimators import TensionFusion
 from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE
 

@@ -45,7 +45,7 @@ from scipy.optimize import nnls
 from cc_mujoco.cable import Cable, Replay, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
+from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.native import FloatArray
 from thesis._directions import (
     CONDITIONS,
@@ -54,6 +54,7 @@ from thesis._directions import (
     fuse_correlated,
     sensor_votes,
 )
+from thesis._estimators import TensionFusion
 from thesis._outcome import Finding, rms, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 

@@ -25,10 +25,14 @@ from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
-from cc_mujoco.estimation._recursive import RecursiveEstimate
-from cc_mujoco.estimation._tension_slope import FrictionEstimator, SlopeEstimator
-from cc_mujoco.estimation._tracks import EstimateTrack, wrap_angles
+from cc_mujoco.estimation._tension_slope import wrap_angles
 from cc_mujoco.native import FloatArray
+from thesis._estimators import (
+    EstimateTrack,
+    FrictionEstimator,
+    RecursiveLeastSquares,
+    SlopeEstimator,
+)
 from thesis._outcome import Finding, rms
 from thesis._rig import PRINTED_CABLE
 from thesis._unscented import follow_parameters
@@ -87,69 +91,6 @@ def slope_law(
             friction = min(max(base + step, _BOUNDS.low), _BOUNDS.high)
         track.append(friction)
     return np.array(track)
-
-
-class RecursiveLeastSquares:
-    r"""Least squares of parameters that forgets only where something new is learnt.
-
-    The information of the data, S in addition to that of the start :math:`R_0`, fades
-    only in the directions V in which the new sample informs (after Cao and Schwartz,
-    Automatica 36, 2000),
-
-    .. math::
-        S' = S - (1 - \lambda) S V (V^T (R_0 + S) V)^{-1} V^T S.
-
-    Otherwise it is `estimation._recursive.RecursiveEstimate`, of several parameters.
-
-    Attributes:
-        value: the estimate (p,).
-        covariance: covariance of its error (p, p).
-    """
-
-    def __init__(
-        self, start: ArrayLike, spread: ArrayLike, memory: float, drift: ArrayLike = 0.0
-    ) -> None:
-        """Start from a guess (p,) and the standard deviation of its error (p,).
-
-        A sample has faded to 1/e after `memory` informative ones; `drift` is the
-        standard deviation of the rate of drift per such sample.
-        """
-        self._start = np.asarray(start, dtype=float)
-        self._spread = np.diag(np.asarray(spread, dtype=float) ** 2)
-        self._rate = np.diag(np.broadcast_to(drift, self._start.shape) ** 2.0)
-        self._least = np.linalg.inv(self._spread)
-        self._fading = 1.0 - float(np.exp(-1.0 / memory))
-        self.reset()
-
-    def reset(self) -> None:
-        self.value, self.covariance = self._start.copy(), self._spread.copy()
-        self._information_matrix = np.zeros_like(self._spread)
-        self._with_rate = np.zeros_like(self._spread)
-
-    def update(self, information: FloatArray, target: FloatArray) -> None:
-        r"""Take the equations :math:`\Phi\theta = y` of a sample, noise of variance 1.
-
-        The information is :math:`\Phi^T \Phi` (p, p), the target :math:`\Phi^T y` (p,).
-        """
-        size, axes = np.linalg.eigh(information)
-        # A direction is silent below 1e-9 of the largest information.
-        informed = axes[:, size > 1e-9 * max(float(size[-1]), 0.0)]
-        if informed.shape[1] == 0 or not size[-1] > 0.0:
-            return
-        seen = self._information_matrix @ informed
-        within = informed.T @ ((self._least + self._information_matrix) @ informed)
-        learnt = self._information_matrix - self._fading * seen @ np.linalg.solve(
-            within, seen.T
-        )
-        self._information_matrix = 0.5 * (learnt + learnt.T) + information
-        gain = np.linalg.inv(self._least + self._information_matrix)
-        self.value = self.value + gain @ (target - information @ self.value)
-        kept = np.eye(self.value.size) - gain @ information
-        # The truth has moved on by its rate; then Joseph's form, right for any gain.
-        cross = self._with_rate
-        ahead = self.covariance - cross - cross.T + self._rate
-        self._with_rate = kept @ (cross - self._rate)
-        self.covariance = kept @ ahead @ kept.T + gain @ information @ gain
 
 
 class BendEstimator(SlopeEstimator):
@@ -254,7 +195,7 @@ class StiffnessEstimator:
         deviation = np.array(sensors.deviation)[: inner.size]
         self._variance = float(np.sum((self._share * deviation) ** 2))
         self._memory = memory
-        self._fit = RecursiveEstimate(start, start, memory, drift)
+        self._fit = RecursiveLeastSquares([start], [start], memory, drift)
         self._end_spell()
 
     def _end_spell(self) -> None:

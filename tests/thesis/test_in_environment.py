@@ -9,7 +9,7 @@ import pytest
 import cc_mujoco  # noqa: F401  registers the environments
 from cc_mujoco import plugin
 from cc_mujoco.device import Sensors
-from cc_mujoco.estimation import FrictionEstimator
+from thesis._estimators import FrictionEstimator
 
 
 def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:

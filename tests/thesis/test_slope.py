@@ -11,14 +11,14 @@ from cable.terms_on import TERMS_ON
 from cc_mujoco.cable import Cable, replay
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation import FrictionEstimator
-from cc_mujoco.estimation._tracks import wrap_angles
+from cc_mujoco.estimation._tension_slope import wrap_angles
 from estimation.runs import CABLE, DT, moving_runs, strokes
+from thesis._estimators import FrictionEstimator
 from thesis._experiments.online import BendEstimator, StiffnessEstimator
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 OF_SLOPE = {
-    "friction": lambda cable: FrictionEstimator(cable, EVERY),
+    "friction": lambda cable: FrictionEstimator(cable, EVERY, start=0.2),
     "bend": lambda cable: BendEstimator(cable, EVERY, start=0.75),
 }
 SEEN_AT_ENDS_OR_REST = ("proximal seal", "distal seal", "ageing at once")

@@ -35,7 +35,7 @@ BENCHMARK += ["--duration", "1.5", "--conditions", "ordinary-exact"]
 MADE = {
     "play": (PLAY, "7", "log.parquet", "metrics.json"),
     "whatif": (WHATIF, "5", "table.parquet", "report.html"),
-    "benchmark": (BENCHMARK, "0, 1", "results.parquet", "table.md"),
+    "benchmark": (BENCHMARK, "0, 1", "results.parquet", "report.html"),
 }
 
 

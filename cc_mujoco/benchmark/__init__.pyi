@@ -15,7 +15,6 @@ from ._ranking import normalise_errors as normalise_errors
 from ._ranking import rank_controllers as rank_controllers
 from ._report import DEFAULT_BASELINE as DEFAULT_BASELINE
 from ._report import OVERVIEW_HEADING as OVERVIEW_HEADING
-from ._report import all_tables as all_tables
 from ._report import overview_table as overview_table
 from ._report import ranks_table as ranks_table
 from ._report import reference_definitions as reference_definitions

@@ -1,4 +1,4 @@
-"""Files of a benchmark: results, figures, tables and a page on the best controllers.
+"""Files of a benchmark: results, figures, and a page on the best controllers.
 
 Figures show error against effort, and by condition.
 """
@@ -41,7 +41,7 @@ def write(
     results: Results,
     baseline: str = text.DEFAULT_BASELINE,
 ) -> str:
-    """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
+    """Write `results.parquet`, figures and `report.html`; return a summary."""
     out = Path(out)
     makers = plan.made_by()
     stored.write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
@@ -51,14 +51,10 @@ def write(
         for stem, draw in drawings.items():
             with style():
                 save(out / f"{own.label}-{stem}.png", draw(own))
-    pages = {
-        runner.TABLES_FILE: text.all_tables(results, baseline),
-        runner.REPORT_FILE: _report_page(out, plan, results, baseline),
-    }
-    for name, content in pages.items():
-        with replacing(out / name) as partial:
-            partial.write_text(content, encoding="utf-8")
-    write_manifest(out, runner.TEXT_FILES)
+    page = _report_page(out, plan, results, baseline)
+    with replacing(out / runner.REPORT_FILE) as partial:
+        partial.write_text(page, encoding="utf-8")
+    write_manifest(out, [runner.REPORT_FILE])
     return text.summary(results, baseline)
 
 

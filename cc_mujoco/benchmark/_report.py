@@ -1,4 +1,4 @@
-"""Results of the benchmark in Markdown: the best in a sentence, then all tables.
+"""Results of the benchmark in Markdown: the best in a sentence, and tables.
 
 Tables are rows of text with Markdown in their cells: controllers are set as code,
 references emphasised.
@@ -38,37 +38,6 @@ OVERVIEW_HEADING = (
     "episodes, if any:"
 )
 TIMES_TITLE = "Computing time of a step of one device"
-
-
-def all_tables(
-    results: Results,
-    baseline: str = DEFAULT_BASELINE,
-) -> str:
-    """Return all tables as Markdown, controllers compared with `baseline`."""
-    first, *others = by_device(results)
-    parts = [
-        "# Benchmark of controllers",
-        summary(results, baseline),
-        _picture(first, "pareto"),
-    ]
-    for own in (first, *others):
-        tables = [(head, table(*cells)) for head, cells in device_tables(own, baseline)]
-        ranks, (conditions, errors), (scores, found) = tables
-        parts += [
-            f"## {own.label}",
-            *([] if own is first else [_picture(own, "pareto")]),
-            *ranks,
-            _fold(
-                "Conditions and scores",
-                *(conditions, _picture(own, "robustness"), errors),
-                *(scores, found),
-            ),
-        ]
-    head, rows = times_table(results)
-    if rows:
-        parts += [f"## {TIMES_TITLE}", table(head, rows)]
-    parts += ["## Definitions", _fold("References and scores", definitions(results))]
-    return "\n\n".join(parts) + "\n"
 
 
 def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
@@ -127,14 +96,6 @@ def next_command(results: Results) -> str:
     first = by_device(results)[0]
     scene, best = first.played[0][0].condition.scene, rank_entries(first.rms)[0]
     return shlex.join(["cc-mujoco", "play", scene, "--controller", best.name])
-
-
-def _picture(own: DeviceResults, stem: str) -> str:
-    return f"![{own.label}: {stem}]({own.label}-{stem}.png)"
-
-
-def _fold(title: str, *parts: str) -> str:
-    return "\n\n".join([f"<details><summary>{title}</summary>", *parts, "</details>"])
 
 
 def divergence_sentences(results: Results) -> list[str]:

@@ -47,8 +47,7 @@ from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
 CELLS_FOLDER, RESULTS_FILE = "cells", "results.parquet"
-TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
-"""Files for reading, which a user may have changed."""
+REPORT_FILE = "report.html"  # which a user may have changed
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,7 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 def require_ours(out: str | os.PathLike[str]) -> None:
     cells = Path(out, CELLS_FOLDER)
     atomic_io.require_ours(out, lambda _: any(map(is_marked, cells.glob("*.parquet"))))
-    atomic_io.require_unmodified(out, TEXT_FILES)
+    atomic_io.require_unmodified(out, [REPORT_FILE])
 
 
 def run(

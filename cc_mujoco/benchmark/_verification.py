@@ -46,7 +46,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
     plan = BenchmarkPlan(
         tuple(law for law in laws if law not in REFERENCES),
         about["suite"],
-        tuple(dict.fromkeys(_source(about, row["scene"]) for row in rows)),
+        tuple(dict.fromkeys(about["devices"][row["scene"]] for row in rows)),
     )
     plan.rehearse()
     if other := provenance_differences(about["made_by"], plan.made_by()):
@@ -83,11 +83,6 @@ def _cell_of_row(row: dict[str, Any]) -> tuple[str, str, str]:
     return row["scene"], row["condition"], row["controller"]
 
 
-def _source(about: dict[str, Any], label: str) -> str:
-    """Return the name or file of a labelled device; old files have only the label."""
-    return str(about.get("devices", {}).get(label, label))
-
-
 def _entries_equal(one: Any, other: Any) -> bool:
     if isinstance(one, float) and np.isnan(one):
         return bool(np.isnan(other))
@@ -101,7 +96,7 @@ def _conditions(
     found = {}
     for name, text in about["conditions"].items():
         scene, _, condition = name.rpartition(" ")
-        there = {one.name: one for one in suite.conditions(_source(about, scene))}
+        there = {one.name: one for one in suite.conditions(about["devices"][scene])}
         at = look_up("condition", condition, there)
         found[name] = dataclasses.replace(at, duration=about["durations"][name])
         if found[name].text != text:

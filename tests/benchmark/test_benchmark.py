@@ -21,7 +21,6 @@ from cc_mujoco.benchmark import (
     Condition,
     _runner,
     _user_entry,
-    all_tables,
     batch_groups,
     play,
     play_group,
@@ -32,7 +31,7 @@ from cc_mujoco.benchmark._cell import CUT_SHARE, prepare_episodes
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
 from cc_mujoco.benchmark._page import CAPTIONS, pareto, write
 from cc_mujoco.benchmark._plant import sample_plants
-from cc_mujoco.benchmark._report import cut_sentences
+from cc_mujoco.benchmark._report import cut_sentences, device_tables, summary
 from cc_mujoco.benchmark._results import by_device, read_results
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
@@ -304,7 +303,7 @@ def test_an_entry_that_hangs_is_named(
 def test_a_report_says_which_controller_gave_no_number(usual: dict[str, Any]) -> None:
     results = [(Cell(USUAL, name, (0,)), played) for name, played in usual.items()]
     results.append((cell := Cell(USUAL, WRONG, (0,)), play(cell)))
-    tables = all_tables(results, "none")
+    tables = f"{summary(results)} {device_tables(by_device(results)[0], 'none')}"
     assert "entries:wrong` ended 1 of 1 episodes early; the first: wrist " in tables
     assert "ordinary-rough, seed 0: controller 'benchmark.entries:wrong' gave" in tables
     assert "nan" not in tables

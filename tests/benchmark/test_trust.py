@@ -87,6 +87,21 @@ def test_the_process_of_an_entry_holds_beliefs_and_no_number_of_the_plant(
         play(cell)
 
 
+def test_no_entry_reads_finished_cells_while_the_key_is_secret(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_runner, "time_steps", lambda _: UNTIMED)
+    monkeypatch.setenv("CELLS", str(tmp_path / CELLS_FOLDER))
+    plan = dataclasses.replace(
+        SHORT, controllers=("benchmark.entries:reading",), seeds=1
+    )
+    assert len(run(dataclasses.replace(plan, key=new_key()), tmp_path)) == 6
+    for cell in (tmp_path / CELLS_FOLDER).iterdir():
+        cell.unlink()
+    with pytest.raises(CableError, match="finished: wrist-"):
+        run(plan, tmp_path)  # whose plants are known
+
+
 @LINUX
 def test_the_judge_measures_the_time_of_a_step_whatever_the_entry_says() -> None:
     median, _ = _runner.time_steps(entered("idle"))

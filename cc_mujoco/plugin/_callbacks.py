@@ -211,8 +211,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
         messages.warn_soft_on_drum(model, block)
     if block.route >= 0:
         messages.warn_missed(model, data, block)
-    messages.warn_cannot_pull(model, block)
-    messages.warn_ignored(model, block)
+    messages.warn_ends(model, block)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
     limits(model, data, instance, longest.ctypes.data)

@@ -428,13 +428,18 @@ def _cannot_pull_reason(
 
 
 @internal
-def warn_ignored(model: MjModel, block: Block) -> None:
-    """Warn, once, of attributes and elements that do nothing for an instance."""
+def warn_ends(model: MjModel, block: Block) -> None:
+    """Warn, once, of ends that never pull, and of attributes that do nothing there."""
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, block.instance, block)
     start = message.used
     for end in range(2):
         actuator = block.actuators[end]
+        why = _cannot_pull_reason(model, block.instance, actuator, end)
+        if why.size > 0:
+            message.used = start
+            attachments.blame(message, model, actuator, why)
+            issue_once(message)
         is_plain = model.actuator_dyntype[actuator] == mjtDyn.mjDYN_NONE
         found = np.zeros(4)
         found[0] = model.actuator_delay[actuator]
@@ -460,20 +465,6 @@ def warn_ignored(model: MjModel, block: Block) -> None:
             name = ffi.name(model, model.name_bodyadr[body])
             ffi.append_label(message, name, body)
             ffi.append(message, " has no effect; take it away there")
-            issue_once(message)
-
-
-@internal
-def warn_cannot_pull(model: MjModel, block: Block) -> None:
-    instance = block.instance
-    _, first, second = attachments.find_actuators(model, instance)
-    for end in range(2):
-        actuator = second if end else first
-        why = _cannot_pull_reason(model, instance, actuator, end)
-        if why.size > 0:
-            room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-            message = begin_message(room.ctypes.data, model, instance, block)
-            attachments.blame(message, model, actuator, why)
             issue_once(message)
 
 

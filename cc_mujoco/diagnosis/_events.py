@@ -321,7 +321,7 @@ def _steps_between(
             one = [n for n, side in zip(names, steps[k], strict=True) if side]
             smaller, larger = sorted([one, [n for n in names if n not in one]], key=len)
             alone = any_motion and len(smaller) == 1
-            able = alone or _is_comparable(problem, tracks, smaller, larger)
+            able = _is_comparable(problem, tracks, smaller, larger, alone)
             if gains[k] > 0.0 and able:
                 whole = {name: (0, len(tracks[name].conditions)) for name in smaller}
                 yield _Step(signal, whole)
@@ -357,20 +357,22 @@ def _moment(
 
 def _is_comparable(
     problem: Problem, tracks: Mapping[str, _Track], one: Sequence[str],
-    other: Sequence[str],
+    other: Sequence[str], any_motion: bool = False,
 ) -> bool:  # fmt: skip
-    """Return whether facts and speeds of two groups of trials overlap."""
+    """Return whether facts and speeds, or only pretensions, of two groups overlap."""
     records = {record.trial: record for record in problem.plant.records}
 
     def conditions(name: str) -> FloatArray:
         record, means = records[name], tracks[name].conditions.mean(axis=0)
-        declared = record.pretension or 0.0, abs(record.tilt), *record.known_torques
+        tight = math.nan if record.unhooked else record.pretension or 0.0
+        declared = tight, abs(record.tilt), *record.known_torques
         # An event may change the torques themselves.
-        return np.array([*declared, means[1]])
+        return np.array([*declared, means[1]])[: 1 if any_motion else None]
 
     groups = (np.array([conditions(n) for n in names]) for names in (one, other))
-    (low, high), (least, most) = ((g.min(axis=0), g.max(axis=0)) for g in groups)
-    return bool(np.all((low <= 1.1 * most) & (least <= 1.1 * high)))
+    each = ((np.fmin.reduce(g), np.fmax.reduce(g)) for g in groups)
+    (low, high), (least, most) = each
+    return not bool(np.any((low > 1.1 * most) | (least > 1.1 * high)))
 
 
 class _Change(NamedTuple):
@@ -564,9 +566,10 @@ class _Change(NamedTuple):
         return False
 
     def is_comparable(self) -> bool:
-        """Return whether its whole trials and the others have conditions in common."""
+        """Return whether its whole trials have the conditions, or fit, as others do."""
         others = [name for name in self.tracks if name not in self.inside]
-        return _is_comparable(self.problem, self.tracks, list(self.inside), others)
+        groups = list(self.inside), others
+        return _is_comparable(self.problem, self.tracks, *groups, self.fits_part())
 
     def fits_part(self) -> bool:
         """Return whether nothing of the part's error is left."""
@@ -642,7 +645,7 @@ class _Change(NamedTuple):
             best = moved.drifting(best.name.removesuffix(DRIFT))
         if not (best.takes_most() and best.is_plausible()):
             return []
-        if best.is_whole and not (best.is_comparable() or best.fits_part()):
+        if best.is_whole and not best.is_comparable():
             return []
         return [side.event(dataset, near) for side in best.sides]
 
@@ -918,7 +921,9 @@ def _locate(
             middle = _middle(time, at)
             reach = max(reach, float(high) - middle, middle - float(low))
     place = np.arange(block.size)
-    return (place >= ends[0]) & (place < ends[1]), reach
+    within = (place >= ends[0]) & (place < ends[1])
+    # The ends of a short interval may pass each other.
+    return within if within.any() else rough, reach
 
 
 def _step_costs(time: FloatArray, error: FloatArray, step: FloatArray) -> FloatArray:

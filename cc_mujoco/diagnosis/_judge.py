@@ -616,8 +616,8 @@ def _model_statement(found: Found, stretch: Stretch | None) -> str:
         )
     if usual:
         text += (
-            f" {capitalise(effect_names(usual))} is in the model, but no larger than "
-            "uneven bends and loose ends of any conduit make."
+            f" {capitalise(effect_names(usual))} is in the model, but may be no "
+            "larger than uneven bends and loose ends of any conduit make."
         )
     disputed = [
         f"{effect_name(each.id)} is supported by {format_share(each.agreement)} of the "

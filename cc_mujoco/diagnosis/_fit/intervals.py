@@ -36,6 +36,11 @@ IMPLAUSIBLE_PREFIX = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
 
 
+class Spread(NamedTuple):
+    covariance: FloatArray  # (parameters, parameters)
+    freedom: FloatArray  # (parameters,) degrees of freedom of its diagonal
+
+
 def implausibility(problem: Problem, x: FloatArray) -> str:
     values = problem.values(x)
     for name in problem.effects:
@@ -63,8 +68,6 @@ def doubtful_effects(
     Their joint confidence interval contains 0 (F distribution). The fit's `covariance`
     (parameters, parameters) has `freedom` (parameters,) degrees of freedom.
     """
-    from scipy.special import fdtri
-
     found = []
     for name in problem.effects:
         index = amplitude_indices(problem, [name])
@@ -78,31 +81,64 @@ def doubtful_effects(
             across = covariance[np.ix_(index, shape)]
             within = covariance[np.ix_(shape, shape)]
             part = part - across @ np.linalg.solve(within, across.T)
-        contrast = np.linalg.solve(part, size).astype(np.float64)
-        count = len(index) + len(shape)
-        # Freedom of a sum of sizes with these weights (Satterthwaite, see above).
-        shares = contrast**2 * np.diag(part)
-        total, known = float(np.sum(shares)), least_squares.MAX_FREEDOM
-        if total > 0.0:
-            spread = max(float(np.sum(shares**2 / freedom[index])), 1e-300)
-            known = min(total**2 / spread, least_squares.MAX_FREEDOM)
-        least = count * float(fdtri(count, known, Limit.nonzero_confidence))
-        if float(size @ contrast) / least < 1.0:
+        if _over_limit(size, part, freedom[index], len(shape)) < 1.0:
             found.append(name)
     return found
 
 
-def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
-    """Return whether an effect is no larger than any real rig may have it."""
+def _over_limit(
+    move: FloatArray, covariance: FloatArray, freedom: FloatArray, chosen: int = 0
+) -> float:
+    """Return the squared length of a move over that of 95 % of moves by chance.
+
+    Its `covariance` has `freedom` (parameters,) degrees of freedom (F distribution);
+    `chosen` parameters beside it had their best values.
+    """
+    from scipy.special import fdtri
+
+    contrast = np.linalg.solve(covariance, move).astype(np.float64)
+    count = move.size + chosen
+    # Freedom of a sum of sizes with these weights (Satterthwaite, see above).
+    shares = contrast**2 * np.diag(covariance)
+    total, known = float(np.sum(shares)), least_squares.MAX_FREEDOM
+    if total > 0.0:
+        spread = max(float(np.sum(shares**2 / freedom)), 1e-300)
+        known = min(total**2 / spread, least_squares.MAX_FREEDOM)
+    least = count * float(fdtri(count, known, Limit.nonzero_confidence))
+    return float(move @ contrast) / least
+
+
+def is_ordinary(
+    problem: Problem, x: FloatArray, name: str, spread: Spread | None = None
+) -> bool:
+    """Return whether an effect may be no larger than any real rig may have it.
+
+    At each cable its sizes add up to one at most, or such sizes lie in the confidence
+    region by the `spread` of the fit.
+    """
+    from scipy.optimize import nnls
+
     values = problem.values(x)
-    sizes = {"": 0.0}
-    for parameter in problem.plant.library.effects[name].parameters:
-        if not parameter.ordinary:
-            return False
-        other = ANTAGONIST if ANTAGONIST in parameter.name else ""
-        size = abs(values[parameter.name]) / ordinary_size(problem, x, parameter)
-        sizes[other] = sizes.get(other, 0.0) + size
-    return max(sizes.values()) <= 1.0
+    own = problem.plant.library.effects[name].parameters
+    if not all(parameter.ordinary for parameter in own):
+        return False
+    usual = np.array([ordinary_size(problem, x, p) for p in own])
+    sizes = np.abs([values[p.name] for p in own]) / usual
+    second = np.array([ANTAGONIST in p.name for p in own])
+    sides = np.array([~second, second], dtype=np.float64)
+    if spread is None or (sides @ sizes).max() <= 1.0:
+        return bool((sides @ sizes).max() <= 1.0)
+    index = [problem.names.index(p.name) for p in own]
+    scales = np.array([problem.tuned[k].scale for k in index]) / usual
+    part = spread.covariance[np.ix_(index, index)] * np.outer(scales, scales)
+    squares, axes = np.linalg.eigh(part)
+    white = axes.T / np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))[:, None]
+    # The nearest such sizes, each with what it lacks of an ordinary one at its cable
+    firm = 1e4 * np.abs(white).max()
+    sums = firm * np.hstack([sides, np.eye(2)])
+    rows = np.vstack([np.pad(white, ((0, 0), (0, 2))), sums])
+    nearest = nnls(rows, np.append(white @ sizes, [firm, firm]))[0][: len(own)]
+    return _over_limit(sizes - nearest, part, spread.freedom[index]) < 1.0
 
 
 def ordinary_size(problem: Problem, x: FloatArray, parameter: EffectParameter) -> float:
@@ -148,11 +184,6 @@ def plausible_size(
     elif parameter.name.startswith("bedding_strain"):
         scale = tension * soft
     return parameter.typical * scale
-
-
-class Spread(NamedTuple):
-    covariance: FloatArray  # (parameters, parameters)
-    freedom: FloatArray  # (parameters,) degrees of freedom of its diagonal
 
 
 def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:

@@ -179,9 +179,14 @@ class _Additions:
                     more = [s for s in more if not _is_redundant(s.id, candidates)]
                     candidates += self._candidates(now, more, refitted, progress)
                     signatures = [*signatures, *more]
-                step = screening.decide(now, candidates, signatures)
-                rounds.append(step)
-                new = [c for c in candidates if c.crossed is not now]
+                steps = [screening.decide(now, candidates, signatures)]
+                few = len(now.problem.effects) + 1 < Limit.max_effects
+                if steps[0].added is None and now.misfit > Limit.max_misfit and few:
+                    steps += self._masked(steps[0], left, changes, progress)
+                rounds += steps
+                step = steps[-1]
+                tried = [(c, each.before) for each in steps for c in each.candidates]
+                new = [c for c, before in tried if c.crossed is not before]
                 # Derivatives take more room than the data; parts of the data start
                 # from those of accepted effects.
                 for candidate in filter(lambda each: each.reason, new):
@@ -193,7 +198,7 @@ class _Additions:
                 if following and past[same[0]].added == step.added:
                     now = following[0].before
                 else:
-                    wider = next(c.crossed for c in candidates if c.id == step.added)
+                    wider = next(c.crossed for c in new if c.id == step.added)
                     now = with_own_noise_floor(wider, self.whole)
                 known.append(now)
         except KeyboardInterrupt:
@@ -232,6 +237,30 @@ class _Additions:
                 candidates.append(known or self._best_form(now, signature))
             chosen = _unrefitted_lookalikes(signatures, candidates)
         return candidates
+
+    def _masked(
+        self, refused: Round, ids: Sequence[str], changes: Changes, progress: Progress
+    ) -> list[Round]:
+        """Return rounds that add two effects of which neither helps alone, or none.
+
+        Friction that falls with speed and one that rises hide each other. Either has to
+        be accepted beside the other.
+        """
+        first = next((c for c in refused.candidates if c.reduction > 0.0), None)
+        if first is None:
+            return []
+        now, left = first.crossed, [name for name in ids if name != first.id]
+        signatures = self.screened(now, left, changes)
+        candidates = self._candidates(now, signatures, {}, progress)
+        step = screening.decide(now, candidates, signatures)
+        both = next((c.crossed for c in candidates if c.id == step.added), None)
+        if both is None:
+            return []
+        known = [now, both, *(c.crossed for c in refused.candidates)]
+        other = _without_effect(both, first.id, known)
+        back = self._candidate(other, both, first.id)
+        alone = Round((back,), first.id, (first.id,), 1.0, other)
+        return [] if back.reason else [alone, step]
 
     def _best_form(self, now: CrossValidation, signature: Signature) -> Candidate:
         """Return the effect, refitted in the form that does best on held-out data.
@@ -284,6 +313,12 @@ class _Additions:
             raise
         except CableError as error:
             return Candidate(name, now, 0.0, 0.0, str(error))
+        return self._candidate(now, crossed, name)
+
+    def _candidate(
+        self, now: CrossValidation, crossed: CrossValidation, name: str
+    ) -> Candidate:
+        """Return the effect `name` of the model `crossed`, which `now` lacks."""
         old, better = fitting.blocks(now), fitting.blocks(crossed)
         whole = float(old.sum())
         reduction = 1.0 - float(better.sum()) / whole
@@ -459,7 +494,7 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
         rivals = tuple(dict.fromkeys((*rivals, *more)))
         if len(rivals) > 1:
             groups[rivals[0]] = rivals
-    named = _found_effects(found, problem, x, estimated, shares, groups)
+    named = _found_effects(found, problem, x, spread, estimated, shares, groups)
     missing = [effect.id for effect in named if effect.missing]
     ties = tuple(rivals for name, rivals in groups.items() if name in missing)
     model, off = (problem, x, held, estimated), trials.misfits(problem, x)
@@ -536,7 +571,7 @@ def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
 
 
 def _found_effects(
-    found: Search, problem: Problem, x: FloatArray,
+    found: Search, problem: Problem, x: FloatArray, spread: Spread,
     estimated: Mapping[str, Estimate], agreed: Mapping[str, float],
     groups: Mapping[str, tuple[str, ...]],
 ) -> tuple[FoundEffect, ...]:  # fmt: skip
@@ -554,7 +589,7 @@ def _found_effects(
             refinement=only_refines(name, shares, own, left),
             agreement=agreed.get(name, 1.0),
             disputed=agreed.get(name, 1.0) < Limit.agreement_share,
-            ordinary=intervals.is_ordinary(problem, x, name),
+            ordinary=intervals.is_ordinary(problem, x, name, spread),
             own=own[name],
             rivals=tuple(rival for rival in groups.get(name, ()) if rival != name),
             form=problem.form(name),

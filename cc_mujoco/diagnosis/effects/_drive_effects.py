@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.diagnosis.effects._effect import (
-    WIND_UP_BOUNDS,
     Cables,
     RigGeometry,
     Shape,
@@ -191,7 +190,7 @@ class JointFriction:
         meaning = "dry friction of the joint"
         turn = "turn of the joint over which its friction builds up"
         size = Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0)
-        shape = Shape("joint_wind_up", "rad", [3e-4, 5e-3], *WIND_UP_BOUNDS, turn)
+        shape = Shape("joint_wind_up", "rad", [3e-4, 5e-3], 1e-5, 0.25, turn)
         return [size, shape]
 
     def signals(self, signals: Signals, values: Values) -> Signals:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ import pytest
 from cc_mujoco.datasets import Dataset, Trial
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
-from cc_mujoco.diagnosis._events import find_events, leave_out
+from cc_mujoco.diagnosis._events import _is_comparable, find_events, leave_out
 from cc_mujoco.diagnosis._verdict import Event
 from diagnosis.inference.test_per_trial import baseline_fit
 from diagnosis.recorded import BENCH, dataset
@@ -203,6 +205,31 @@ def test_an_encoder_that_is_zeroed_in_a_trial_divides_it_and_the_later_ones(
     assert later_ones == [k > EVENT_TRIAL for k in range(len(facts))]
     again, other = found_in(leave_out(data, event))
     assert other is None and again.crossed.misfit < 1.3
+
+
+def test_a_zero_that_moves_with_the_declared_pretension_is_no_event() -> None:
+    """Cables that are off have no pretension that others could have in common."""
+    facts = [(80.0, False), (52.0, False), (80.0, False), (0.0, True)]
+    records = [
+        SimpleNamespace(
+            trial=f"run_{k}", pretension=tight, unhooked=off, tilt=0.0,
+            known_torques=(0.0, 0.0),
+        )
+        for k, (tight, off) in enumerate(facts)
+    ]  # fmt: skip
+    speeds = dict(zip([r.trial for r in records], (1.0, 1.0, 9.0, 1.0), strict=True))
+    tracks: Any = {
+        name: SimpleNamespace(conditions=np.full((4, 5), speed))
+        for name, speed in speeds.items()
+    }
+    problem: Any = SimpleNamespace(plant=SimpleNamespace(records=records))
+
+    def comparable(name: str, any_motion: bool) -> bool:
+        others = [other for other in tracks if other != name]
+        return _is_comparable(problem, tracks, [name], others, any_motion)
+
+    assert [comparable(name, False) for name in tracks] == [True, False, False, True]
+    assert [comparable(name, True) for name in tracks] == [True, False, True, True]
 
 
 @pytest.mark.parametrize("hidden", [{}, {"end_compliance": 2e-5}])

@@ -107,6 +107,11 @@ def test_what_any_rig_may_have_is_little_beside_its_cable(
         assert not is_ordinary(wider, place(wider, **{size: 1.1 * usual}), name)
     together = {size: 0.6 * usual for size, usual in sizes.items()}
     assert not is_ordinary(wider, place(wider, **together), name)
+    large = place(wider, **{size: 2.0 * usual for size, usual in sizes.items()})
+    for share, expected in ((0.01, False), (10.0, True)):
+        covariance = np.diag((share * np.maximum(np.abs(large), 1e-9)) ** 2)
+        spread = Spread(covariance, np.full(large.size, 5.0))
+        assert is_ordinary(wider, large, name, spread) == expected
 
 
 def test_what_one_end_may_have_the_other_cable_may_have_as_well(

@@ -106,6 +106,23 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
     assert [effect.id for effect in found.missing] == [name]
 
 
+def test_effects_that_hide_each_other_are_found_together() -> None:
+    """Friction that falls with speed cancels most of one that rises with it."""
+    rising, falling = {"viscous_friction": 20.0}, {
+        "stribeck_friction": 0.016, "stribeck_speed": 0.03, "stribeck_slip": 1e-5,
+    }  # fmt: skip
+    hidden = {"viscous_friction": rising, "stribeck_friction": falling}
+    data = dataset(hidden, 3.0, seed=2)
+    ids = ("viscous_friction", "stribeck_friction")
+    result = run_inference(data, BENCH, Options(ids))
+    found = result.diagnosis
+    assert {effect.id for effect in found.missing} == {*hidden}, found.statement
+    assert result.found is not None
+    first, *pair = result.found.search.rounds
+    assert first.added is None and all(each.reason for each in first.candidates)
+    assert {step.added for step in pair if step.added} == {*hidden}
+
+
 @pytest.mark.parametrize(
     "rest", [pytest.param(r, marks=pytest.mark.study) for r in (0.8, 0.0, -0.35)]
 )

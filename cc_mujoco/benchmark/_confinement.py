@@ -9,6 +9,7 @@ Elsewhere than on Linux nothing is limited.
 
 import contextlib
 import ctypes
+import glob
 import os
 import struct
 import sys
@@ -36,8 +37,8 @@ def hide_memory() -> None:
 def confine(folder: str) -> None:
     """Give up all capabilities and, by Landlock, what an entry does not need.
 
-    From now on this process and its children write files in `folder` alone, use no TCP,
-    and signal and trace no process but their own.
+    From now on this process and its children write to accelerators and to files in
+    `folder` alone, use no TCP, and signal and trace no process but their own.
     """
     if sys.platform != "linux":
         return
@@ -53,7 +54,9 @@ def confine(folder: str) -> None:
     known = limits[: 1 + (version >= 4) + (version >= 6)]
     rules = struct.pack(f"={len(known)}Q", *known)
     ruleset = system.syscall(CREATE_RULESET, rules, len(rules), 0)
-    for place, allowed in ((folder, rights), (os.devnull, (WRITE | TRUNCATE) & rights)):
+    devices = os.devnull, *glob.glob("/dev/nvidia*"), *glob.glob("/dev/dri/*")
+    for place in (folder, *devices):
+        allowed = rights if place == folder else rights & (WRITE | TRUNCATE)
         opened = os.open(place, os.O_PATH)
         rule = struct.pack("=Qi", allowed, opened)
         system.syscall(ADD_RULE, ruleset, 1, rule, 0)

@@ -32,7 +32,7 @@ def declare_training(path: str | os.PathLike[str], effects: Iterable[str]) -> No
     named = sorted(set(effects))
     for name in named:
         look_up("effect", name, known)
-    read_policy(path)  # or an error that says why it is none
+    read_policy(path)
     tensors, about = safetensors.from_bytes(Path(path).read_bytes())
     content = safetensors.to_bytes(tensors, about | {KEY: json.dumps(named)})
     with replacing(Path(path)) as file:
@@ -43,6 +43,7 @@ def trained_on(law: str) -> str:
     """Return the effects in a policy's training, `NOT_STATED`, or "" of no policy."""
     if not is_policy(law):
         return ""
+    read_policy(law)  # or an error that says why it is none
     named = safetensors.from_bytes(Path(law).read_bytes())[1].get(KEY)
     if named is None:
         return NOT_STATED

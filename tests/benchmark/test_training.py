@@ -50,6 +50,8 @@ def test_a_file_states_its_training_and_stays_the_policy(policy: str) -> None:
     assert trained_on(policy) == "no effect"
     after, same = read_policy(policy)
     assert np.array_equal(before.weights[0], after.weights[0]) and observed == same
+    with pytest.raises(CableError, match="there is no such file"):
+        trained_on("absent.safetensors")
     with pytest.raises(CableError, match=r"unknown effect 'viscus'.*viscous"):
         declare_training(policy, ["viscus"])
     condition = SUITES["v2"].conditions("wrist")[0]

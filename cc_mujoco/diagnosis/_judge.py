@@ -219,6 +219,7 @@ class Testability(NamedTuple):
     slopes: FloatArray
     tangent: FloatArray  # (residuals, k) orthonormal basis of the changes by tuning
     changes: tuple[EffectChange, ...]  # changes by effects
+    least: float  # RMS change over the noise from which on a search finds an effect
 
     def left(self, change: FloatArray) -> FloatArray:
         """Return the part of changes (residuals, ...) that tuning cannot make."""
@@ -250,7 +251,10 @@ def detectability(
         plausible = {p.name: plausible_size(p, problem, x) for p in parameters}
         factors = np.array([plausible[p.name] / p.typical for p in parameters])
         changes.append(EffectChange(effect, plausible, columns * factors / scale))
-    return Testability(quiet, x, slopes, tangent, tuple(changes))
+    # Up to the error at which a search begins all beyond the noise may be one effect.
+    start = Limit.floor_misfit if rows > 1 else Limit.max_misfit
+    least = math.sqrt(start**2 - 1.0)
+    return Testability(quiet, x, slopes, tangent, tuple(changes), least)
 
 
 def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
@@ -258,7 +262,7 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
     size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
     scaled = shown.slopes[:, free] / size[free]
-    least = math.sqrt(Limit.min_visible_change)
+    least = shown.least
     found = []
     for each in shown.changes:
         if not each.made.any():
@@ -383,16 +387,20 @@ def untestable_effects(
     for each in shown.changes:
         left = np.linalg.norm(shown.left(each.made), axis=0)
         most = int(np.argmax(left))
-        if float(left[most]) ** 2 >= Limit.min_visible_change:
+        if float(left[most]) >= shown.least:
             continue
         size = screening.effect_amplitudes(each.effect)[most]
         plausible = format_size(size.name, each.sizes[size.name], size.unit)
+        share, seen = float(left[most]) / shown.least, "only"
+        if share * Limit.max_size_ratio > 1.0:
+            limit = format_size(size.name, each.sizes[size.name] / share, size.unit)
+            seen = f"and less than {limit} cannot be seen"
         why = f"it shows only with {each.effect.required_excitation}"
         if other := confused.get(each.effect.id):
             why = f"tuning {plain_name(other.parameter)} hides it: {other.remedy}"
         statement = (
             f"once all is tuned, a plausible size ({plausible}) would change the "
-            f"torques by {float(left[most]):.2f} times the noise floor only; {why}"
+            f"torques by {float(left[most]):.2f} times the noise floor, {seen}; {why}"
         )
         found.append(NotTestable(each.effect.id, statement))
     return tuple(found)

@@ -240,9 +240,6 @@ class Limit:
 
     # Verdict.
     min_clarity = 3.0  # Size over its uncertainty at which a planned trial shows it
-    # Visible squared RMS change by a plausible effect, in noise floors: at the floor it
-    # explains as much of the error as acceptance requires
-    min_visible_change = 0.1
     max_prior_sigmas = 3.0  # beyond which a tuned parameter contradicts its prior
     # Deviation of the joint's zero where the arm of the cable depends on it [rad]
     zero_angle_deviation = 0.03

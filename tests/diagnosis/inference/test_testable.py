@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,7 @@ from cc_mujoco.diagnosis._judge import (
 )
 from cc_mujoco.diagnosis._rig.simulation import BASELINE, REMEDIES
 from cc_mujoco.diagnosis._search.candidates import Changes
+from cc_mujoco.diagnosis._thresholds import Limit
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
@@ -84,8 +87,15 @@ def unseen(hidden: dict[str, dict[str, float]]) -> tuple[set[str], float]:
     base = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
     others = [name for name in EFFECTS if name not in hidden]
     shown = detectability(base.problem, base.whole.x, others, Changes())
-    found = {each.id for each in untestable_effects(shown, confounded_effects(shown))}
-    return found, base.crossed.misfit
+    listed = untestable_effects(shown, confounded_effects(shown))
+    reasons, least = {each.id: each.reason for each in listed}, shown.least
+    assert least == pytest.approx(math.sqrt(Limit.floor_misfit**2 - 1.0))
+    for each in shown.changes:
+        left = np.linalg.norm(shown.left(each.made), axis=0)
+        assert (each.effect.id in reasons) == (left.max() < least), reasons
+        if each.effect.id in reasons and 10.0 * left.max() > least:
+            assert "cannot be seen" in reasons[each.effect.id]
+    return {each.id for each in listed}, base.crossed.misfit
 
 
 def test_what_data_cannot_show_does_not_depend_on_what_is_missing() -> None:

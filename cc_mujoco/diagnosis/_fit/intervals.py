@@ -39,6 +39,9 @@ IMPLAUSIBLE_PREFIX = "fits only with"
 class Spread(NamedTuple):
     covariance: FloatArray  # (parameters, parameters)
     freedom: FloatArray  # (parameters,) degrees of freedom of its diagonal
+    # (parameters,) variance of effects' values by the laws of the others, which decides
+    # about none of them
+    laws: FloatArray | float = 0.0
 
 
 def implausibility(problem: Problem, x: FloatArray) -> str:
@@ -211,16 +214,19 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     controls = controls_of(fresh, x, masks)
     data = len(controls)
     form = form_error(slopes[:data], residual[:data], noise, controls)
-    form += _law_errors(fresh, x, masks, slopes, residual)
+    laws = _law_errors(fresh, x, masks, slopes, residual)
+    own = {p.name for name in problem.effects for p in EFFECTS[name].parameters}
+    base = np.array([name not in own for name in problem.names])
+    form += np.where(np.outer(base, base), laws, 0.0)
     share = np.diag(trials) / np.diag(trials + form)
     freedom = np.where(beyond > 0.0, moved.freedom / share**2, np.inf)
-    return Spread(trials + form, freedom)
+    return Spread(trials + form, freedom, np.where(base, 0.0, np.diag(laws)))
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
     """Return values and 95 % intervals by name; NaN if a logarithm's is too wide."""
     found = {}
-    deviations = np.sqrt(np.diag(spread.covariance)).tolist()
+    deviations = np.sqrt(np.diag(spread.covariance) + spread.laws).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
     for parameter, known in zip(problem.tuned, uncertain, strict=True):
         own = found[parameter.name] = least_squares.estimate(parameter, *known)
@@ -324,21 +330,17 @@ def _law_errors(
     problem: Problem, x: FloatArray, masks: Masks, slopes: FloatArray,
     residual: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Return the covariance of the baseline due to the laws of all effects."""
+    """Return the covariance due to the laws of effects, of all but their own values."""
     found = np.zeros((x.size, x.size))
     ratio = problem.misfit(range(len(problem.floor)), problem.deviations(x))
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = residual[: residual.size - priors]
     excess = float(np.sum(data**2)) * max(0.0, 1.0 - ratio**-2)
-    names = {p.name for name in problem.effects for p in EFFECTS[name].parameters}
-    base = [k for k, name in enumerate(problem.names) if name not in names]
     for effect in problem.effects:
         slim = problem.without(effect)
         rest = [k for k, own in enumerate(problem.tuned) if own in slim.tuned]
         change = slim.residual(x[rest], masks)[: data.size] - data
-        whole = np.zeros_like(found)
-        whole[np.ix_(rest, rest)] = law_error(slopes[:, rest], priors, change, excess)
-        found[np.ix_(base, base)] += whole[np.ix_(base, base)]
+        found[np.ix_(rest, rest)] += law_error(slopes[:, rest], priors, change, excess)
     return found
 
 

@@ -518,10 +518,10 @@ def _drop_doubtful(
     while problem.effects:
         x = fitting.fit_until_settled(problem, start, counts).x
         least = intervals.noise_covariance(problem, x, counts)
-        idle, wide = intervals.doubtful_effects(problem, x, *least), None
+        idle, wide = intervals.doubtful_effects(problem, x, *least[:2]), None
         if not idle:
             wide = intervals.fit_covariance(problem, x, counts)
-            idle = intervals.doubtful_effects(problem, x, *wide)
+            idle = intervals.doubtful_effects(problem, x, *wide[:2])
         slimmer = []
         for name in idle:
             slim = problem.without(name).sharing([c.problem for c in found.known])

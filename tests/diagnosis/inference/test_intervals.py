@@ -191,6 +191,10 @@ def test_an_interval_over_many_powers_of_ten_is_not_determined(
     variance, x = 1e-6 * np.eye(len(free)), np.zeros(len(free))
     variance[place, place], x[place] = deviation**2, 3.0
     found = estimates(problem, x, Spread(variance, np.full(len(free), np.inf)))
+    # The laws of other effects widen a value as noise of their variance does.
+    known = np.full(len(free), np.inf)
+    wider = estimates(problem, x, Spread(variance, known, np.diag(variance)))
+    assert wider == estimates(problem, x, Spread(2.0 * variance, known))
     unsure = {name for name, each in found.items() if not math.isfinite(each.ci95[0])}
     assert unsure == ({"axial_stiffness"} if deviation > 4.0 else set())
     assert found["axial_stiffness"].holds(1.0) is (deviation > 4.0)

@@ -11,11 +11,12 @@ Example:
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from cc_mujoco.errors import look_up
 
-__all__ = ["SCENES", "scene_path"]
+__all__ = ["POLICIES", "SCENES", "policy_file", "scene_path"]
 
 SCENES: dict[str, str] = {
     "wrist": "wrist_handle.xml",
@@ -28,6 +29,19 @@ SCENES: dict[str, str] = {
     "endoscope": "endoscope.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""
+
+POLICIES = tuple(
+    f"{name}.safetensors" for name in ("wrist", "ankle", "finger", "exosuit")
+)
+"""Policies that ship with the package, for the devices of these names."""
+
+
+def policy_file(name: str | os.PathLike[str]) -> Path:
+    """Return a policy's file: the given one, or else that of `POLICIES`."""
+    path = Path(name)
+    if str(name) in POLICIES and not path.exists():
+        path = Path(__file__).resolve().parent / "policies" / path
+    return path
 
 
 def scene_path(name: str) -> Path:

@@ -41,6 +41,7 @@ from cc_mujoco._utils.atomic_io import (
 )
 from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._utils.tables import is_table, split_selection
+from cc_mujoco.assets import policy_file
 from cc_mujoco.errors import CableError
 
 POLICY_ENDING = ".safetensors"  # ending of a policy's file
@@ -181,7 +182,7 @@ def _library_folders() -> tuple[str, ...]:
 
 def _user_file_digests(controller: str) -> dict[str, str]:
     if controller.endswith(POLICY_ENDING):
-        first = os.path.abspath(controller)
+        first = os.path.abspath(policy_file(controller))
         base = os.path.dirname(first)
     else:
         name = controller.partition(":")[0]

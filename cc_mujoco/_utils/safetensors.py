@@ -3,7 +3,8 @@
     content = to_bytes({"gain": np.ones(3)}, {"note": "text"})
     tensors, notes = from_bytes(content)
 
-Nothing in a file is executed. Only arrays of 64-bit floats are supported.
+Nothing in a file is executed. Arrays are of floats; one whose numbers all fit in 32
+bits is written so.
 """
 
 import json
@@ -20,11 +21,16 @@ def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     parts, start = [], 0
     for name, tensor in tensors.items():
-        values = np.asarray(tensor, "<f8")
+        whole = np.asarray(tensor, "<f8")
+        with np.errstate(over="ignore"):
+            values = whole.astype("<f4")
+        single = np.array_equal(whole, values)
+        values = values if single else whole
         parts.append(values.tobytes())
         end = start + len(parts[-1])
         shape = list(values.shape)
-        header[name] = {"dtype": "F64", "shape": shape, "data_offsets": [start, end]}
+        kind = "F32" if single else "F64"
+        header[name] = {"dtype": kind, "shape": shape, "data_offsets": [start, end]}
         start = end
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)
@@ -42,8 +48,9 @@ def from_bytes(content: bytes) -> tuple[dict[str, Array], dict[str, str]]:
     tensors = {}
     for name, entry in header.items():
         start, end = entry["data_offsets"]
-        if entry["dtype"] != "F64" or not 0 <= start <= end <= len(data):
+        kind = {"F32": "<f4", "F64": "<f8"}.get(entry["dtype"])
+        if kind is None or not 0 <= start <= end <= len(data):
             raise ValueError(f"tensor {name!r}")
-        values = np.frombuffer(data[start:end], "<f8").astype(np.float64)
+        values = np.frombuffer(data[start:end], kind).astype(np.float64)
         tensors[name] = values.reshape(entry["shape"])
     return tensors, metadata

@@ -16,6 +16,7 @@ from pathlib import Path
 from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco.assets import policy_file
 from cc_mujoco.benchmark._faults import EVENTS
 from cc_mujoco.benchmark._plant import BRISTLES, STRUCTURES, UNSEEN_EFFECTS
 from cc_mujoco.control import read_policy
@@ -44,7 +45,7 @@ def trained_on(law: str) -> str:
     if not is_policy(law):
         return ""
     read_policy(law)  # or an error that says why it is none
-    named = safetensors.from_bytes(Path(law).read_bytes())[1].get(KEY)
+    named = safetensors.from_bytes(policy_file(law).read_bytes())[1].get(KEY)
     if named is None:
         return NOT_STATED
     listed = parse_json(named)

@@ -91,6 +91,7 @@ class Play:
         from cc_mujoco.simulation._episode_findings import Guards, episode_findings
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import LOG_FILE, require_ours
+        from cc_mujoco.viz._summary import GUARD_METADATA_KEY
 
         require_ours(out, self.video, self.html)
 
@@ -112,7 +113,7 @@ class Play:
                     guards.look(time)
                     progress(time)
 
-                return simulate(
+                log = simulate(
                     device,
                     law,
                     trajectory=names["trajectory"],
@@ -123,6 +124,8 @@ class Play:
                     progress=passed,
                     file=file,
                 )
+            log.metadata[GUARD_METADATA_KEY] = [*guards.findings()]
+            return log
 
         messages: list[str] = []
         filmed = self.duration if self.video else 0.0  # [s]

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco.assets import POLICIES, policy_file
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import (
@@ -346,14 +347,19 @@ def write_policy(
 def read_policy(path: str | os.PathLike[str]) -> tuple[Network, tuple[Observed, ...]]:
     """Read a policy's file: its network, and what it observes of every axis.
 
+    A name without folders that is no file here is one of `assets.POLICIES`.
+
     Raises:
         CableError: If it cannot be read or is not one.
     """
     name = os.fspath(path)
     try:
-        content = Path(path).read_bytes()
+        content = policy_file(path).read_bytes()
     except FileNotFoundError:
-        raise CableError(f"policy {name!r}: there is no such file.") from None
+        raise CableError(
+            f"policy {name!r}: there is no such file, and the package has "
+            f"{', '.join(POLICIES)}."
+        ) from None
     except OSError as error:
         raise CableError(f"policy {name!r} cannot be read: {error}.") from None
     try:

@@ -315,10 +315,11 @@ def timestep_sentence(half: follow_up.Halved) -> str:
     largest = []
     for each in half.unsettled:
         name, value, other = each.metric, each.value, each.half_step_value
-        pair = f"none instead of {format_quantity(name, value)}"
+        found = f"design {each.design} fails"
         if math.isfinite(other):
             pair = f"{format_quantity(name, other)} instead of {format_cell(value)}"
-        largest.append(f"{plain_name(name)} of design {each.design} is {pair}")
+            found = f"{plain_name(name)} of design {each.design} is {pair}"
+        largest.append(found)
     return (
         f"At {step}, {list_words(largest)}: such numbers say more of the step than of "
         f"the design. --timestep {half.timestep:g} repeats the study there; where that "

@@ -209,6 +209,8 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
     if blocks.is_open(block):
         messages.warn_no_effect(model, instance, block)
         messages.warn_soft_on_drum(model, block)
+    else:
+        messages.warn_stretched(model, block)
     if block.route >= 0:
         messages.warn_missed(model, data, block)
     messages.warn_ends(model, block)

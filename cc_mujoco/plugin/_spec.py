@@ -197,8 +197,8 @@ def no_cable(scene: object) -> CableError:
     return CableError(
         f"scene {scene} has no cable: give `mujoco.MjSpec.from_file({str(scene)!r})` a "
         "motor and a cable by `cc_mujoco.add_cable`, or its tendons friction by "
-        "`add_friction`, and keep it by its `encode('NEW.mjz')`; or write a `plugin` "
-        f"{PLUGIN!r} into the MJCF."
+        "`add_friction`, `compile()` it, and keep it by its `encode('NEW.mjz')`; or "
+        f"write a `plugin` {PLUGIN!r} into the MJCF."
     )
 
 

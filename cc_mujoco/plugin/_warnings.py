@@ -388,6 +388,28 @@ def warn_soft_on_drum(model: MjModel, block: Block) -> None:
 
 
 @internal
+def warn_stretched(model: MjModel, block: Block) -> None:
+    """Warn, once, of a cable in a conduit that strains more than the model allows.
+
+    Bends and friction are those of the unstretched cable. Ropes break before 0.1.
+    """
+    prm = blocks.parameters(block)
+    strain = prm[PLACE.pretension] / prm[PLACE.axial_stiffness]
+    if not strain > 0.1:
+        return
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+    message = begin_message(room.ctypes.data, model, block.instance, block)
+    ffi.append(message, "its pretension stretches it by ")
+    ffi.append_thousandths(message, 0.1 * strain, " %")
+    why: ffi.Bytes = (
+        ", more than 10 %, where cables break and this model, of small strains, is "
+        "wrong; `axial_stiffness` is that of a metre of cable, E A in N"
+    )
+    ffi.append(message, why)
+    issue_once(message)
+
+
+@internal
 def warn_poor_spring(model: MjModel, instance: int) -> None:
     """Warn of loading curves that the springs at the ends do not follow."""
     for end in range(2):

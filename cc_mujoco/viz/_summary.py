@@ -1,6 +1,7 @@
 """The summary figure of an episode: torque, angle, their loop, tension in the cable."""
 
 import os
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from cc_mujoco.viz._film_plots import MAX_SAMPLES, PlotLine, axis_angles, draw_l
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+GUARD_METADATA_KEY = "guard"  # sentences of `Guards.findings` in a log's metadata
 
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
@@ -43,7 +47,10 @@ def draw_summary(log: EpisodeLog) -> "Figure":
             _draw_over_time(torque, angle, own, axis)
             draw_loop(top.add_subplot(grid[2 * row : 2 * row + 2, 1]), own)
         _draw_tensions(bottom, log)
-        drawing.suptitle(episode_title(log), x=0.012, ha="left", fontsize=13)
+        lines = [episode_title(log)]
+        for sentence in guard_sentences(log):
+            lines += textwrap.wrap(sentence, 110)
+        drawing.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=13)
     return drawing
 
 
@@ -57,6 +64,11 @@ def episode_title(log: EpisodeLog) -> str:
     if "seed" in about:
         parts.append(f"seed {about['seed']}")
     return "  ·  ".join(parts)
+
+
+def guard_sentences(log: EpisodeLog) -> list[str]:
+    """Return what the guard did, for those who see the episode and not the terminal."""
+    return [f"Here {sentence}" for sentence in log.metadata.get(GUARD_METADATA_KEY, ())]
 
 
 def _draw_over_time(

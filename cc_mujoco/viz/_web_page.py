@@ -42,7 +42,7 @@ from cc_mujoco.viz._cable_lines import (
 )
 from cc_mujoco.viz._film_plots import FRAME_RATE, MAX_SAMPLES, Panel, highest_tension
 from cc_mujoco.viz._plot_axes import axis_limits
-from cc_mujoco.viz._summary import episode_title
+from cc_mujoco.viz._summary import episode_title, guard_sentences
 
 
 def require_page() -> None:
@@ -93,6 +93,8 @@ def write_page(
     text = {"title": title, "plots": figures, "gradient": gradient, "slack": slack}
     text |= {"highest": f"{highest:.3g}", "shares": escape(shares)}
     body = html.Html(Template(template.replace("\n", "")).substitute(text))
+    for sentence in reversed(guard_sentences(log)):
+        body = html.join_pieces([html.paragraph(sentence), body])
     if metrics:
         rows = [
             (m.name.replace("_", " "), value_text(value), m.unit, m.meaning)

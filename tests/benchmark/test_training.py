@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cc_mujoco.assets import POLICIES
 from cc_mujoco.benchmark import (
     SCORES,
+    STRUCTURES,
     SUITES,
     Cell,
     CellResult,
@@ -99,3 +101,8 @@ def test_a_policy_that_states_nothing_has_no_unseen_effects() -> None:
     head, rows = overview_table(results)
     assert head[-1] == "wrist, unseen effects" and rows[1][1] == "not stated"
     assert [row[-1] for row in rows] == ["-", "-"]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policies_of_the_package_state_their_training(name: str) -> None:
+    assert set(trained_on(name).split(", ")) <= set(STRUCTURES)

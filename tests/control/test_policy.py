@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from cc_mujoco.assets import POLICIES, policy_file
 from cc_mujoco.control import (
     Controller,
     Network,
@@ -26,6 +27,7 @@ from cc_mujoco.device import CableDrive, Drive, Observed, find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import IDS as ENVIRONMENTS
 from cc_mujoco.errors import CableError
+from cc_mujoco.simulation import simulate
 from control.devices import cable
 
 IDS = list(ENVIRONMENTS)
@@ -209,6 +211,39 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     assert found.far == 5.0
     for x in np.random.default_rng(1).normal(size=(5, own.mean.size)):
         assert found(x) == own(x)
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_numbers_that_fit_in_32_bits_take_no_more(tmp_path: Path, single: bool) -> None:
+    own = network(OBSERVED)
+    if single:
+        rounded = tuple(np.float32(each).astype(float) for each in own.weights)
+        own = dataclasses.replace(own, weights=rounded)
+    write_policy(tmp_path / "p.safetensors", own, OBSERVED)
+    content = (tmp_path / "p.safetensors").read_bytes()
+    assert (b'"F32"' in content) is single
+    found, _ = read_policy(tmp_path / "p.safetensors")
+    for mine, theirs in zip(own.weights, found.weights, strict=True):
+        assert np.array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_policy_of_the_package_plays_its_device(name: str) -> None:
+    assert policy_file(name).stat().st_size < 200_000
+    log = simulate(Path(name).stem, name, duration=0.1)
+    for axis in ("hip.", "ankle.") if name.startswith("exosuit") else ("",):
+        assert np.isfinite(log[f"{axis}joint_torque_nm"]).all()
+
+
+def test_a_policy_here_comes_before_one_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wrist.safetensors").write_bytes(b"mine")
+    with pytest.raises(CableError, match=r"'wrist\.safetensors' is not one that"):
+        controller("wrist.safetensors", DRIVE)
+    with pytest.raises(CableError, match="no such file, and the package has wrist"):
+        controller("wirst.safetensors", DRIVE)
 
 
 def test_the_file_is_one_of_safetensors(tmp_path: Path) -> None:

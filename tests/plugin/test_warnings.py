@@ -465,6 +465,18 @@ def test_a_conduit_that_is_too_short_for_its_ends_is_warned_of(
             assert not any("key `conduit`" in x for x in issued)
 
 
+@pytest.mark.parametrize("stiffness", [20.0, 150.0, 4e3])
+def test_a_cable_that_its_pretension_tears_is_warned_of(stiffness: float) -> None:
+    name = next(_names)
+    spec = mujoco.MjSpec.from_string(APART.format(name=name))
+    section = Section(5.5, 1.0)
+    cable = Cable(conduit=(section,), axial_stiffness=stiffness, pretension=15.0)
+    to_mjcf(spec, name, cable, ("motor", 0.02), ("knee", 0.05))
+    issued = [x for x in warned(spec.compile()) if "stretches it by" in x]
+    assert len(issued) == (stiffness == 20.0)
+    assert all("by 75.000 %" in x and "`axial_stiffness` is" in x for x in issued)
+
+
 ATTRIBUTES = {
     "acts": {
         "gear": "0.04",

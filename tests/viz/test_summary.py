@@ -26,6 +26,15 @@ def test_every_axis_is_labelled(make_log: Any, cables: tuple[str, ...]) -> None:
     assert any("tension [N]" in label for label in labels)
 
 
+def test_what_the_guard_did_stands_above_the_plots(make_log: Any) -> None:
+    about = {"scene": "wrist", "guard": ["the guard braked joint 'wrist': at 1 s."]}
+    title = draw_summary(make_log(metadata=about)).get_suptitle()
+    assert title.splitlines() == [
+        "wrist",
+        "Here the guard braked joint 'wrist': at 1 s.",
+    ]
+
+
 def test_png_is_written_and_not_blank(make_log: Any, tmp_path: Path) -> None:
     write_summary(tmp_path / "summary.png", make_log())
     pixels = imread(tmp_path / "summary.png")

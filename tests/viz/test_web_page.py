@@ -75,6 +75,17 @@ def made(make_log: Any, model: mujoco.MjModel, tmp_path: Path) -> tuple[Any, Pat
     return log, tmp_path / PAGE_FILE
 
 
+def test_a_page_states_what_the_guard_did(
+    make_log: Any, model: mujoco.MjModel, tmp_path: Path
+) -> None:
+    about = {"guard": ["the guard braked joint 'wrist': at 1 s."]}
+    write_page(
+        tmp_path / PAGE_FILE, make_log(rows=9, nq=model.nq, metadata=about), model
+    )
+    page = (tmp_path / PAGE_FILE).read_text("utf-8")
+    assert "Here the guard braked joint &#x27;wrist&#x27;: at 1 s." in page
+
+
 def test_play_leaves_a_page_of_its_log_and_takes_an_old_one_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

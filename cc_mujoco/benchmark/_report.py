@@ -235,7 +235,7 @@ def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[Place]:
 def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
     """Return a table of all controllers but references by rank, the best first."""
     errors = entry_errors(rms)
-    draws = ranking.bootstrap_means(errors, plant_names(rms))
+    plants = plant_names(rms)
     compared = baseline in errors
     head = ["rank", "controller", "error"]
     head += [f"less `{baseline}`"] if compared else []
@@ -246,9 +246,8 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
             rank += f" to {place.last}"
         row = [rank, controller_label(place.name), str(place)]
         if compared and place.name != baseline:
-            one, other = draws[place.name], draws[baseline]
-            mean = place.score - float(np.mean(errors[baseline]))
-            row.append(str(ranking.compare_resamples(one, other, mean)))
+            less = errors[place.name] - errors[baseline]
+            row.append(str(ranking.mean_interval(less, plants)))
         elif compared:
             row.append("-")
         better = [controller_label(n) for n in errors if n in place.better_than]

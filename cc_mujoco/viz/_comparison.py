@@ -33,21 +33,25 @@ class LabelledEpisode(NamedTuple):
 
 
 def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> "Figure":
-    """Draw a column per episode: torque-angle loop, and tension at both cable ends."""
+    """Draw a column per episode: torque-angle loops, and tension at both cable ends."""
     cables = episodes[0].log.cables
+    loops = [episode.log.each_axis() for episode in episodes]
+    count = len(loops[0])
     with style():
-        drawing = figure(5.2 * len(episodes), 3.6 + 1.8 * len(cables))
-        heights = [3.6, *[1.8] * len(cables)]
+        heights = [*[3.6] * count, *[1.8] * len(cables)]
+        drawing = figure(5.2 * len(episodes), sum(heights))
         grid = drawing.add_gridspec(
             len(heights), len(episodes), height_ratios=heights
         ).subplots(sharey="row", squeeze=False)
-        for axes, episode in zip(grid[0], episodes, strict=True):
-            draw_loop(axes, episode.log)
-            axes.set_title(f"{episode.name}: torque-angle loop")
-            if axes is not grid[0, 0]:
-                axes.sharex(grid[0, 0])
+        for row, each in zip(grid[:count], zip(*loops, strict=True), strict=True):
+            for axes, episode, (axis, own) in zip(row, episodes, each, strict=True):
+                draw_loop(axes, own)
+                of = f", {axis}" if axis else ""
+                axes.set_title(f"{episode.name}: torque-angle loop{of}")
+                if axes is not row[0]:
+                    axes.sharex(row[0])
         drawn = [tensions(episode.log) for episode in episodes]
-        for row, panels in zip(grid[1:], zip(*drawn, strict=True), strict=True):
+        for row, panels in zip(grid[count:], zip(*drawn, strict=True), strict=True):
             for axes, episode, panel in zip(row, episodes, panels, strict=True):
                 time = episode.log["time_s"]
                 draw_lines(axes, time, panel.lines)
@@ -56,8 +60,8 @@ def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> "Figure":
             drawn_lines = [[line.values for line in panel.lines] for panel in panels]
             times = [episode.log["time_s"] for episode in episodes]
             row[0].set_ylim(common_limits(zip(times, drawn_lines, strict=True)))
-        grid[1, 0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.95))
-        for axes in grid[0, 1:]:
+        grid[count, 0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.95))
+        for axes in grid[:count, 1:].flat:
             axes.set_ylabel("")
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")

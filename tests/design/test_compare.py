@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from cc_mujoco import cli
 from cc_mujoco.design import study
 from cc_mujoco.design._show import FILES, FinishedStudy, compare, write_comparison
 from cc_mujoco.errors import CableError
+from cc_mujoco.report import _figures as figures
 
 METRICS = ["peak_tension", "slack_margin"]
 
@@ -111,3 +113,22 @@ def test_a_failed_episode_leaves_nothing(
     with pytest.raises(CableError, match=r"it diverged\."):
         write_comparison(tmp_path / "out", folder, 0, 1)
     assert not (tmp_path / "out").exists()
+
+
+def test_designs_of_a_device_with_several_axes_are_drawn_by_axis(
+    tmp_path: Path,
+) -> None:
+    study("exosuit", {"friction": [0.05, 0.1]}, duration=0.1, out=tmp_path / "study")
+    drawn: list[str] = []
+    save = figures.save
+
+    def kept(path: Path, drawing: Any) -> None:
+        drawn.extend(axes.get_title(loc="left") for axes in drawing.get_axes())
+        save(path, drawing)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "save", kept)
+        write_comparison(tmp_path / "both", tmp_path / "study", 0, 1)
+    assert {f"design 1: torque-angle loop, {axis}" for axis in ("hip", "ankle")} <= {
+        *drawn
+    }

@@ -373,12 +373,19 @@ def main() -> None:
     for name in ("rounds", "updates", "hold", "envs", "seconds"):
         if getattr(options, name) <= 0:
             parser.error(f"--{name} must be above 0.")
+    if options.seed < 0:
+        parser.error("--seed must be 0 or greater.")
     if (there := options.out / f"{options.seed}.safetensors").exists():
         parser.error(f"{there} is there already; name another --out or --seed.")
-    options.out.mkdir(parents=True, exist_ok=True)
-    # Sums of a thread each depend on how many there are; one gives one policy.
-    with threadpool_limits(1, user_api="blas"):
-        train(options)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        # Sums of a thread each depend on how many there are; one gives one policy.
+        with threadpool_limits(1, user_api="blas"):
+            train(options)
+    except (CableError, OSError) as error:
+        parser.error(str(error))
+    except KeyboardInterrupt:
+        parser.exit(130, "interrupted, no policy is written.\n")
     print(f"{there} is written: cc-mujoco play {options.scene} --controller {there}")
 
 

@@ -261,6 +261,9 @@ def main() -> None:
     parser.add_argument("--fixed", action="store_true", help="one cable only")
     parser.add_argument("--out", type=Path, default=Path("runs", "policy"))
     arguments = parser.parse_args()
+    for name in ("steps", "seconds", "seeds", "envs"):
+        if (given := getattr(arguments, name)) is not None and given <= 0:
+            parser.error(f"--{name} must be above 0.")
     arguments.envs = arguments.envs or ENVIRONMENTS[arguments.algorithm]
     try:
         device_of(arguments.scene)
@@ -271,8 +274,13 @@ def main() -> None:
             parser.error(f"{there} is there already; name another --out.")
     require("stable_baselines3", "Stable-Baselines3")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for seed in seeds:
-        train(seed, arguments)
+    try:
+        for seed in seeds:
+            train(seed, arguments)
+    except (CableError, OSError) as error:
+        parser.error(str(error))
+    except KeyboardInterrupt:
+        parser.exit(130, "interrupted; policies of finished seeds are kept.\n")
 
 
 if __name__ == "__main__":

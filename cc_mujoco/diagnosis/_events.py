@@ -321,7 +321,7 @@ def _steps_between(
             one = [n for n, side in zip(names, steps[k], strict=True) if side]
             smaller, larger = sorted([one, [n for n in names if n not in one]], key=len)
             alone = any_motion and len(smaller) == 1
-            able = _is_comparable(problem, tracks, smaller, larger, alone)
+            able = alone or _is_comparable(problem, tracks, smaller, larger)
             if gains[k] > 0.0 and able:
                 whole = {name: (0, len(tracks[name].conditions)) for name in smaller}
                 yield _Step(signal, whole)
@@ -566,10 +566,17 @@ class _Change(NamedTuple):
         return False
 
     def is_comparable(self) -> bool:
-        """Return whether its whole trials have the conditions, or fit, as others do."""
+        """Return whether its whole trials have the conditions, or fit, as others do.
+
+        A trial may have another pretension than it declares, but nothing else is known
+        of trials that are the only ones with theirs.
+        """
+        fits = self.fits_part()
+        if fits and self.name == "pretension":
+            return True
         others = [name for name in self.tracks if name not in self.inside]
         groups = list(self.inside), others
-        return _is_comparable(self.problem, self.tracks, *groups, self.fits_part())
+        return _is_comparable(self.problem, self.tracks, *groups, fits)
 
     def fits_part(self) -> bool:
         """Return whether nothing of the part's error is left."""

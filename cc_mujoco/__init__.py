@@ -13,8 +13,6 @@ measured, and `design`, `diagnosis`, `benchmark`, `hardware`, `export` and `viz`
 done with them.
 """
 
-import os
-
 import lazy_loader
 
 from cc_mujoco._mujoco_import import register_with_gymnasium, register_with_mujoco
@@ -22,11 +20,6 @@ from cc_mujoco._mujoco_import import register_with_gymnasium, register_with_mujo
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
-
-# In a checkout `envs` and `assets` lie beside this folder, which Python finds first
-# there, whatever is installed.
-if not os.path.isdir(os.path.join(__path__[0], "envs")):
-    __path__.append(os.path.dirname(__path__[0]))
 
 # MuJoCo loads models with cables once `cc_mujoco.plugin` is imported.
 register_with_mujoco()

@@ -142,7 +142,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     def _begin(self, step: float) -> None:
         self.body.start(self.data, self.policy, step)
         self._ropes.start(self.data)
-        settle(self.model, self.data)
+        if self.model.nplugin:
+            settle(self.model, self.data)
         self.person = WalkingController(self.policy, 1, dtype=np.float64)
         self.person.step[:] = step
         self._meter = StrideMeter()

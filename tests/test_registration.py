@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from plugin.processes import Ended, processes
 
-ROOT = Path(__file__).parents[1]
 LOADS = """
 from cc_mujoco.assets import scene_path
 assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
@@ -28,12 +25,6 @@ SCRIPTS = {
         "slow = {'matplotlib', 'rerun'}\n"
         "slow |= {'scipy.optimize', 'scipy.signal', 'scipy.stats'}\n"
         "assert not slow & set(sys.modules)"
-    ),
-    "a checkout that Python finds first": (
-        "import sys\n"
-        "found = [f for f in sys.meta_path if 'editable' not in repr(f).lower()]\n"
-        f"sys.meta_path[:], sys.path[:0] = found, [{str(ROOT)!r}]\n"
-        "import cc_mujoco.envs, cc_mujoco.assets"
     ),
     "MuJoCo alone": "import sys, mujoco\nassert 'cc_mujoco' not in sys.modules",
     "the physics and estimation": (

@@ -62,7 +62,7 @@ class Worlds(Protocol):
         """Advance rows `going` a sample by `control` (n, physics steps, controls)."""
 
 
-class Transmission(Protocol):
+class OtherCables(Protocol):
     """Cables by other equations than the plugin's, for `Batch.transmission`."""
 
     def pull(self) -> None:
@@ -260,7 +260,7 @@ class Batch:
         models = [device.model for device in devices]
         count = len(devices)
         self.steps, self.cables = exo.steps, tuple(devices[0].readers)
-        self.transmission: Transmission | None = None
+        self.transmission: OtherCables | None = None
         """Cables that pull instead of the unplugged ones of the plugin, if any."""
         self.going: Mask = np.ones(count, dtype=np.bool_)
         """Mask of the devices that have not failed."""

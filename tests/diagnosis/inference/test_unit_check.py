@@ -23,7 +23,7 @@ IDS = ("viscous_friction",)
 def readme_scene() -> str:
     """Return the scene of the front page, with a servo in place of its motor."""
     (scene,) = re.findall(r"```xml\n(.*?)```", README.read_text("utf-8"), re.S)
-    motor = '<motor joint="motor" ctrlrange="-1 1"/>'
+    motor = '<motor name="motor" joint="motor" ctrlrange="-1 1"/>'
     assert motor in scene
     return str(scene.replace(motor, '<position joint="motor" kp="20" kv="0.1"/>'))
 
